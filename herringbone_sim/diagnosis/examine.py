@@ -19,6 +19,7 @@ from herringbone_sim.diagnosis.fits import (
     MIN_FITTED,
     NONLINEAR_CHI2,
     FittedExplanation,
+    best_of_each,
     fit_again,
     fit_best,
     fit_pairs,
@@ -148,7 +149,8 @@ def examine(
                     flexible["single"] = _predictable_remainder(search, singles[0], left)
             second = refit_second_alone(search, singles, pairs)
             if second is not None and not machine.estimates_states:  # for run time
-                pairs = _ranked(pairs, fit_rivals_of_first(search, second, singles, pairs))
+                more = fit_rivals_of_first(search, second, singles, pairs)
+                pairs = best_of_each((*pairs, *more))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
             if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
@@ -160,7 +162,7 @@ def examine(
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 more = fit_pairs(search, catalogue, second, 0.0, singles)
-                pairs = _ranked(pairs, more)
+                pairs = best_of_each((*pairs, *more))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:
@@ -235,13 +237,6 @@ def _with_noise(
     none = FittedExplanation((), search.settled(search.null))
     again = [replace(f, score=search.settled(f.score)) for f in singles]
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
-
-
-def _ranked(
-    some: Sequence[FittedExplanation], more: Sequence[FittedExplanation]
-) -> tuple[FittedExplanation, ...]:
-    """Both, best first."""
-    return tuple(sorted((*some, *more), key=lambda f: f.loss))
 
 
 def _recorded_rows(energy: Array) -> NDArray[np.bool_]:

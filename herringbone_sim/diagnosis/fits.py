@@ -112,15 +112,15 @@ def fit_best(
 ) -> tuple[FittedExplanation, ...]:
     """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect.
 
-    Of an effect that the screen sees in other observations, as an error of gauges and one of
-    encoders, each counts by itself: what the others would gain is not screened.
+    Those of an effect that are partly screened count by themselves: they may be behind the others
+    for what the screen misses.
     """
     fits: list[FittedExplanation] = []
-    per: dict[tuple[str, frozenset[str]], int] = {}
+    per: dict[tuple[str, bool], int] = {}
     for _, one, start in ranked:
         if len(fits) == most:
             break
-        family = (one.effect, one.screened_in)
+        family = (one.effect, one.partly_screened)
         if per.get(family, 0) < per_effect:
             per[family] = per.get(family, 0) + 1
             fits.append(_fitted(search, one, start))
@@ -229,6 +229,14 @@ def _beside_singles(
         if len(found) == MAX_PAIRS_OF_SINGLES:
             break
     return found
+
+
+def best_of_each(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
+    """The fit of each set of hypotheses that leaves least, best first."""
+    found: dict[frozenset[Any], FittedExplanation] = {}
+    for f in sorted(fits, key=lambda f: f.loss):
+        found.setdefault(frozenset(map(_key, f.hypotheses)), f)
+    return tuple(found.values())
 
 
 def _key(one: Hypothesis) -> tuple[str, Any, Any]:

@@ -113,6 +113,8 @@ class Hypothesis:
         measured_gain: energy removed at the centres of its coefficients, evaluated by the machine
             where the effect is strongly nonlinear; None: the linear screen decides.
         base_mean: values of all other coefficients at ``measured_gain``.
+        partly_screened: whether it also acts in observations where its columns are zero, so that a
+            linear screen misses a part of its gain.
     """
 
     effect: str
@@ -123,16 +125,12 @@ class Hypothesis:
     source: Any = None
     measured_gain: float | None = None
     base_mean: tuple[float, ...] = ()
+    partly_screened: bool = False
 
     @property
     def law(self) -> object:
         """Which of the effect's laws it has: its option ``law``; None if there is one only."""
         return dict(self.options).get("law")
-
-    @property
-    def screened_in(self) -> frozenset[str]:
-        """Observations in which a linear screen sees it."""
-        return frozenset(o for c in self.coefficients for o in c.placements)
 
     @property
     def is_linear(self) -> bool:

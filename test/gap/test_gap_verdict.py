@@ -84,6 +84,14 @@ def test_an_effect_of_all_likely_pairs_is_named() -> None:
     assert (found.verdict, found.effects) == ("runout", ("runout", "stagger"))
 
 
+def test_no_second_effect_is_named_that_is_hardly_there() -> None:
+    """The likeliest explanation with the effect decides, without what is unknown beside it."""
+    beside = ((("runout", "unknown"), 0.9), (("runout", "stagger"), 0.04))
+    found = verdict_of(*beside, (("runout",), 0.03), (("unknown",), 0.03))
+    assert (found.verdict, found.effects) == ("runout", ("runout",))
+    assert ids(found.chosen) == ("runout",)
+
+
 def test_pairs_with_nothing_in_common_are_ambiguous() -> None:
     pairs = ((("runout", "stagger"), 0.45), (("tooth_crack", "pin_position"), 0.4))
     found = verdict_of(*pairs, (("unknown",), 0.15))

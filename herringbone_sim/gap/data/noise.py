@@ -6,14 +6,18 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 
+LEAST_ON_GRID = 20  # points by which a grid is known
+OFF_GRID = 0.1  # RMS departure from a grid, in steps; of points on none it is 0.29
+
 
 def spectral_floor(values: Array, share: float = 0.2) -> Array:
     """Standard deviation (k,) of white noise on channels (n, k), from the top of their spectra.
 
     The median of the periodogram over the highest ``share`` of the band: the periodogram of white
     noise is exponentially distributed, so its median is log 2 times its mean. Motion at these
-    frequencies adds to the estimate, which is therefore an upper bound. Of a channel with gaps,
-    the longest part without gaps is used.
+    frequencies adds to the estimate: an upper bound where noise is white. Errors of steps that
+    repeat with the motion lie in lines. Of a channel with gaps, the longest part without gaps is
+    used.
     """
     gaps = np.flatnonzero(np.isnan(values).any(axis=0) & ~np.isnan(values).all(axis=0))
     if len(gaps):
@@ -39,13 +43,50 @@ def _longest_finite(values: Array) -> Array:
 
 
 def resolution(values: Array) -> Array:
-    """Step (k,) of the converter or encoder of channels (n, k), sampled evenly; 0 without any.
+    """Step (k,) of the converter or encoder of channels (n, k); 0 where none is seen.
 
-    The smallest difference between two second differences: these lie on the grid of the steps even
-    where a steady rotation was taken off an encoder's counts. Of continuous values it is close to
-    zero.
+    Values on a grid have one, and so have those whose second differences are on one: counts of an
+    encoder from which a steady rotation was taken off, sampled evenly.
     """
-    least = 1e-9 * (np.fmax.reduce(values) - np.fmin.reduce(values))
-    steps = np.diff(np.sort(np.diff(values, 2, axis=0), axis=0), axis=0)
-    step: Array = np.where(steps > least, steps, np.inf).min(axis=0, initial=np.inf)
-    return np.where(np.isfinite(step), step, 0.0)
+    return np.array([max(_grid_step(y, y), _grid_step(np.diff(y, 2), y)) for y in values.T])
+
+
+def of_steps(values: Array) -> Array:
+    """Standard deviation (k,) of the error that rounding to steps makes in channels (n, k)."""
+    return resolution(values) / np.sqrt(12.0)
+
+
+def above_steps(sigma: Array, values: Array) -> Array:
+    """Noise (k,) of channels (n, k), at least that of their steps; NaN stays."""
+    return np.where(np.isnan(sigma), np.nan, np.fmax(sigma, of_steps(values)))
+
+
+def _grid_step(points: Array, values: Array) -> float:
+    """Step of a grid on which ``points`` lie to a tenth of it, from ``values``; 0 without any."""
+    ordered = np.sort(points[np.isfinite(points)])
+    if len(ordered) < LEAST_ON_GRID:
+        return 0.0
+    gaps = np.diff(ordered)
+    rounding = 1e-9 * (np.nanmax(values) - np.nanmin(values))
+    sizes = np.sort(gaps[gaps > rounding])
+    if not len(sizes):
+        return 0.0
+    # Points of one step of the grid lie together, the closer, the better they are kept.
+    widest = int(np.argmax(sizes[1:] / sizes[:-1])) + 1 if len(sizes) > 1 else 0
+    for step in dict.fromkeys((float(sizes[widest]), float(sizes[0]))):
+        apart = gaps > 0.5 * step
+        first = np.flatnonzero(np.append(True, apart))
+        last = np.append(first[1:], len(ordered)) - 1
+        crowded = np.sum(last - first + 1 >= 0.01 * len(ordered)) >= 3
+        wide = np.max(ordered[last] - ordered[first]) > 0.1 * step
+        if wide or not (crowded or step == sizes[0]):
+            continue
+        between = gaps[apart]
+        for reach in (1.5, 3.0, 10.0, 30.0, 100.0, 300.0, np.inf):  # refined from the nearest on
+            near = between[between < reach * step]
+            whole = np.rint(near / step)
+            step = float(np.sum(whole * near) / max(np.sum(whole**2), 1.0)) or step
+        off = between / step - np.rint(between / step)
+        if np.sqrt(np.mean(off**2)) < OFF_GRID:
+            return step
+    return 0.0

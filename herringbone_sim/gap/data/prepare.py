@@ -14,7 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError, listed
 from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
-from herringbone_sim.gap.data.noise import resolution, spectral_floor
+from herringbone_sim.gap.data.noise import above_steps, of_steps, spectral_floor
 from herringbone_sim.gap.data.prepared import (
     Measured,
     PreparedCampaign,
@@ -249,21 +249,21 @@ def _measured(
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
             of the converter is added. None: it is estimated from the spectrum, as is that of
             channels without a mean (``detrended``).
-        told: RMS of the noise of single channels, in place of either.
+        told: RMS of the noise of single channels, in place of either. No noise is less than that
+            of the steps of a channel.
     """
     values = np.full((len(series), len(names)), np.nan)
     there = np.array([name in series for name in names])
     for j in np.flatnonzero(there):
         values[:, j] = series[names[j]]
-    of_step = resolution(values) ** 2 / 12.0
     if noise_share is None:
-        sigma = np.fmax(spectral_floor(values), np.sqrt(of_step))
+        sigma = spectral_floor(values)
     else:
         known = np.maximum(np.isfinite(values).sum(axis=0), 1)
         power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
-        sigma = np.sqrt(noise_share**2 * power + of_step)
+        sigma = np.sqrt(noise_share**2 * power + of_steps(values) ** 2)
         lost = np.isin(names, detrended)
         sigma[lost] = spectral_floor(values[:, lost]) if lost.any() else sigma[lost]
     own = np.array([told.get(name, np.nan) for name in names])
-    sigma = np.where(np.isfinite(own), np.sqrt(own**2 + of_step), sigma)
+    sigma = above_steps(np.where(np.isfinite(own), own, sigma), values)
     return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(own))

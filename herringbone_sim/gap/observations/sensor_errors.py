@@ -64,7 +64,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay, clock and swap of x, v and u, seen by their consistency."""
+    """Gain, bias, delay, clock and swap of x, v and u, screened by their consistency alone."""
     gear = builder.gear
     if not gear.n_relations:
         return
@@ -84,7 +84,9 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             locus = Locus(
                 group.mesh if group.mesh in ("sp", "rp") else "all", group.planet, group.side
             )
-            yield Hypothesis(effect, (("channels", group.names),), locus, (one,), 1)
+            yield Hypothesis(
+                effect, (("channels", group.names),), locus, (one,), 1, partly_screened=True
+            )
     if gear.swap is not None:
         one = builder.coefficient(
             "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE, EXCHANGE, 1.0

@@ -1,8 +1,8 @@
 """Estimate channel noise when campaign.yaml gives none, from consistency and the force law.
 
-The spectrum of a channel is an upper bound, as it contains motion up to its highest frequencies.
-The residuals of x, u and v about the geometry contain no motion, and that of F about the force law
-little.
+The spectrum of a channel contains motion up to its highest frequencies, but misses errors of steps
+that lie in lines. The residuals of x, u and v about the geometry contain no motion, and that of F
+about the force law little.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.noise import resolution, spectral_floor
+from herringbone_sim.gap.data.noise import above_steps, spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -45,7 +45,7 @@ def with_estimated_noise(run: PreparedRun) -> PreparedRun:
     of_motion = np.mean(law.sigma_n[:, known] ** 2, axis=0) - sigma[known] ** 2
     of_force = np.sqrt(np.maximum(total - of_motion, (LEAST * sigma[known]) ** 2))
     sigma[known] = np.minimum(sigma[known], of_force)
-    return replace(run, F=run.F.with_noise(sigma))
+    return replace(run, F=run.F.with_noise(above_steps(sigma, run.F.values)))
 
 
 def _noise_ratio(residual: Array) -> float:
@@ -53,7 +53,8 @@ def _noise_ratio(residual: Array) -> float:
 
     Over the upper half of the band, where no error of a grating lies, and over the combinations
     that are not zero: errors of steps lie in lines where the motion is periodic, and of channels
-    that were computed from others in fewer combinations than there are.
+    that were computed from others in fewer combinations than there are. Their median, as a wrong
+    sensor shows in some.
     """
     if not residual.size or not np.isfinite(residual).all():
         return 1.0
@@ -63,7 +64,7 @@ def _noise_ratio(residual: Array) -> float:
     power = np.real(upper.conj().T @ upper) / (len(upper) * np.sum(window**2))
     of_combinations = np.linalg.eigvalsh(power)
     noisy = of_combinations[of_combinations > COPY**2]
-    return float(np.sqrt(np.mean(noisy))) if len(noisy) else 1.0
+    return float(np.sqrt(np.median(noisy))) if len(noisy) else 1.0
 
 
 def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
@@ -80,5 +81,4 @@ def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
 
 def _scaled(measured: Measured, scale: float) -> Measured:
     """Channels with their noise scaled, but not below that of their steps."""
-    of_steps = resolution(measured.values) / np.sqrt(12.0)
-    return measured.with_noise(np.fmax(scale * measured.sigma, of_steps))
+    return measured.with_noise(above_steps(scale * measured.sigma, measured.values))

@@ -96,8 +96,7 @@ def decide(
             if i in explanations:
                 best.setdefault(name, (explanations[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
-    whole = (i for i, c in enumerate(chances) if c.whole and top in (c.effects or ("none",)))
-    first = next(whole, 0)
+    first = _first_whole(chances, top)
     chosen = explanations.get(first)
     if top == "unknown":
         chosen = next((explanations[i] for i in sorted(explanations)), None)
@@ -125,6 +124,22 @@ def decide(
         runner if top not in ("none", "unknown") else None,
         tuple(chances),
     )
+
+
+def _first_whole(chances: Sequence[Chance], top: str) -> int:
+    """Index of the likeliest explanation with ``top``, without anything unknown beside it."""
+    having = [i for i, c in enumerate(chances) if top in (c.effects or ("none",))]
+    whole = [i for i in having if chances[i].whole]
+    likeliest = chances[having[0]] if having else None
+    known = () if likeliest is None else tuple(e for e in likeliest.effects if e != "unknown")
+    same = [
+        i
+        for i in whole
+        if likeliest is not None
+        and chances[i].effects == known
+        and chances[i].candidate is likeliest.candidate
+    ]
+    return next(iter((*same, *whole)), 0)
 
 
 def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
