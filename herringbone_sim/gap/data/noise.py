@@ -58,7 +58,8 @@ def of_steps(values: Array) -> Array:
 
 def above_steps(sigma: Array, values: Array) -> Array:
     """Noise (k,) of channels (n, k), at least that of their steps; NaN stays."""
-    return np.where(np.isnan(sigma), np.nan, np.fmax(sigma, of_steps(values)))
+    found: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, of_steps(values)))
+    return found
 
 
 def _grid_step(points: Array, values: Array) -> float:
