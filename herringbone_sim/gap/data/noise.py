@@ -53,7 +53,7 @@ def resolution(values: Array) -> Array:
 
 def of_steps(values: Array) -> Array:
     """Standard deviation (k,) of the error that rounding to steps makes in channels (n, k)."""
-    return resolution(values) / np.sqrt(12.0)
+    return np.asarray(resolution(values) / np.sqrt(12.0))
 
 
 def above_steps(sigma: Array, values: Array) -> Array:
