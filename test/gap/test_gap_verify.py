@@ -106,8 +106,8 @@ def test_the_runs_of_the_diagnosis_give_its_numbers_again(diagnosed: Path, tmp_p
         if name == "attractor":  # rounding alone picks another piece of a chaotic one
             pairs = [pair for pair, wild in zip(pairs, chaotic, strict=True) if not wild]
         for before, again in pairs:
-            # The horizon follows the exponent of a chaotic model, which rounding alone moves: errors
-            # of noise, which grow with it, have been seen to differ by 13 % between machines.
+            # The horizon follows the exponent of a chaotic model, which rounding alone moves:
+            # errors of noise, which grow with it, have differed by 13 %.
             same = before.get("horizon_cycles") == again.get("horizon_cycles")
             close = 1e-3 if same else 0.25
             # The diagnosis calibrates a common filter besides; the gear that it writes has none.
