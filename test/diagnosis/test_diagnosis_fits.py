@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,12 @@ from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
+    best_of_each,
     fit_best,
     fit_pairs,
+    fit_rivals_of_first,
     rank,
+    refit_second_alone,
     with_unscreened,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -135,3 +139,48 @@ def test_a_pair_of_effects_that_were_fitted_alone_is_tried() -> None:
     alone = [FittedExplanation((h,), enough) for h in (first, pin)]  # type: ignore[arg-type]
     pairs = fit_pairs(search, [first, *rest, pin], alone[0], 0.0, alone)
     assert "pin" not in [f.hypotheses[1].effect for f in pairs]
+
+
+def test_what_is_partly_screened_is_not_shut_out_by_its_effect() -> None:
+    """A clock of rates is behind one of gauges for what the balance would gain."""
+    gauges, some, rates = (one("clock", place=name) for name in ("F", "F left", "v"))
+    rates = replace(rates, partly_screened=True)
+    ranked = [(float(i), h, np.zeros(1)) for i, h in enumerate((gauges, some, rates))]
+    gains = {id(h.coefficients): 1.0 for _, h, _ in ranked}
+    found = fit_best(ranking_of([], gains), ranked, 3, 1)
+    assert [f.hypotheses[0].locus for f in found] == ["F", "v"]
+
+
+def fitted(loss: float, *hypotheses: Hypothesis) -> FittedExplanation:
+    score: Any = SimpleNamespace(loss=loss, in_sample=loss, mean=np.zeros(2), coefficients=())
+    return FittedExplanation(hypotheses, score)
+
+
+def test_the_rival_of_the_first_effect_is_tried_beside_the_second() -> None:
+    """Alone it left little more than the first; the second, and what is tried, not again."""
+    first, rival, second = one("thermal"), one("backlash"), one("stagger")
+    search = ranking_of([], {id(rival.coefficients): 70.0})
+    search.null.mean = np.zeros(1)
+    singles = [fitted(50.0, first), fitted(51.0, rival), fitted(60.0, second)]
+    pairs = [fitted(40.0, first, second)]
+    (found,) = fit_rivals_of_first(search, singles[2], singles, pairs)
+    assert found.effects == ("stagger", "backlash")
+    assert best_of_each([*pairs, found])[0] is found
+
+
+def test_a_pair_stands_once_whichever_effect_was_first() -> None:
+    first, second = one("thermal"), one("stagger")
+    better, other = fitted(30.0, second, first), fitted(40.0, first, second)
+    alone = fitted(35.0, first, one("ring"))
+    assert best_of_each([other, alone, better]) == (better, alone)
+
+
+def test_the_second_effect_to_fit_alone_is_one_that_can_stand_alone() -> None:
+    """One that was proposed from what the first effect left has no functions without that."""
+    first, pin = one("backlash"), one("pin")
+    seat = replace(one("bearing"), source="residual of the first effect")
+    pairs = [fitted(30.0, first, seat), fitted(35.0, first, pin)]
+    alone = fitted(60.0, pin)
+    search = ranking_of([], {})
+    assert refit_second_alone(search, [alone], pairs) is alone
+    assert refit_second_alone(search, [alone], pairs[:1]) is None

@@ -6,13 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
+from gap_support import NOMINAL, POINTS, noisy, prepared, sampled, with_few_runs
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.diagnose import calibrated_sensors
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.consistency import (
     KINDS,
@@ -24,6 +28,9 @@ from herringbone_sim.gap.sensors.correction import correct_sensors, without_chan
 from herringbone_sim.gap.sensors.groups import sensor_names
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.sensors.swaps import find_swap
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 UNLIKE = {"k_factor": [1.0, 1.1, 0.95, 1.0, 1.05, 1.0] * 2, "e_factor": [1.0, 0.9, 1.1] * 4}
@@ -161,3 +168,19 @@ def test_dropped_channels_are_gone(clean: list[TimeSeries]) -> None:
     assert not run.u.recorded[2]
     assert np.isnan(run.x.values[:, 0]).all()
     assert run.x.recorded[1:].all()
+
+
+def test_an_exchange_is_whole_or_none() -> None:
+    """Two sensors of a healthy rig that move alike: a share of an exchange would average their
+    noise, and leave less than none."""
+    made = make_campaign(draw_plan(640500, "none", noise=RequestedNoise("coloured")))
+    campaign = calibrated_sensors(with_few_runs(as_prepared(made)))
+    names = ("x_sp1_L", "x_sp3_L")
+    machine = GearMachine(Gear(campaign.of_role("fit"), stride=2, swap=names))
+    search = Search(machine)
+    none = search.settled(search.null)
+    (exchange,) = [h for h in machine.hypotheses() if dict(h.options).get("channels") == names]
+    start = np.append(none.mean, 1.0)
+    found = search.settled(search.refined(exchange.coefficients, start))
+    assert found.mean[-1] == pytest.approx(1.0, abs=2e-3)
+    assert found.in_sample > none.in_sample - CHANCE_CHI2

@@ -6,8 +6,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 
-LEAST_ON_GRID = 20  # points by which a grid is known
-OFF_GRID = 0.1  # RMS departure from a grid, in steps; of points on none it is 0.29
+# Chosen, for grids (``_grid_step``): RMS departure, in steps (of points on none it is 0.29);
+# share of the points by which one step of a grid counts as met, and how many must be.
+OFF_GRID, MET, STEPS_MET = 0.1, 0.01, 3
 
 
 def spectral_floor(values: Array, share: float = 0.2) -> Array:
@@ -63,31 +64,37 @@ def above_steps(sigma: Array, values: Array) -> Array:
 
 
 def _grid_step(points: Array, values: Array) -> float:
-    """Step of a grid on which ``points`` lie to a tenth of it, from ``values``; 0 without any."""
+    """Step of a grid on which ``points``, made of ``values``, lie; 0 without any.
+
+    Tried are the smallest distance between points, as of exact values, and the distance at which
+    distances part most clearly into small and large, as where values were rounded.
+    """
     ordered = np.sort(points[np.isfinite(points)])
-    if len(ordered) < LEAST_ON_GRID:
-        return 0.0
     gaps = np.diff(ordered)
-    rounding = 1e-9 * (np.nanmax(values) - np.nanmin(values))
-    sizes = np.sort(gaps[gaps > rounding])
-    if not len(sizes):
+    if not len(gaps):
         return 0.0
-    # Points of one step of the grid lie together, the closer, the better they are kept.
-    widest = int(np.argmax(sizes[1:] / sizes[:-1])) + 1 if len(sizes) > 1 else 0
-    for step in dict.fromkeys((float(sizes[widest]), float(sizes[0]))):
+    sizes = np.sort(gaps[gaps > 1e-9 * (np.nanmax(values) - np.nanmin(values))])
+    if len(sizes) < STEPS_MET - 1:
+        return 0.0
+    parting = 1 + int(np.argmax(sizes[1:] / sizes[:-1]))
+    for step in (float(sizes[parting]), float(sizes[0])):
         apart = gaps > 0.5 * step
-        first = np.flatnonzero(np.append(True, apart))
+        first = np.flatnonzero(np.append(True, apart))  # point at each step of the grid
         last = np.append(first[1:], len(ordered)) - 1
-        crowded = np.sum(last - first + 1 >= 0.01 * len(ordered)) >= 3
-        wide = np.max(ordered[last] - ordered[first]) > 0.1 * step
-        if wide or not (crowded or step == sizes[0]):
-            continue
-        between = gaps[apart]
-        for reach in (1.5, 3.0, 10.0, 30.0, 100.0, 300.0, np.inf):  # refined from the nearest on
-            near = between[between < reach * step]
-            whole = np.rint(near / step)
-            step = float(np.sum(whole * near) / max(np.sum(whole**2), 1.0)) or step
-        off = between / step - np.rint(between / step)
-        if np.sqrt(np.mean(off**2)) < OFF_GRID:
-            return step
+        met = np.sum(last - first + 1 >= MET * len(ordered)) >= STEPS_MET
+        exact = step == sizes[0]
+        if (met or exact) and np.max(ordered[last] - ordered[first]) < OFF_GRID * step:
+            step = _refined(step, gaps[apart])
+            off = gaps[apart] / step - np.rint(gaps[apart] / step)
+            if np.sqrt(np.mean(off**2)) < OFF_GRID:
+                return step
     return 0.0
+
+
+def _refined(step: float, gaps: Array) -> float:
+    """Step of which gaps are whole multiples, fitted to ever larger ones."""
+    for reach in 1.5 * 2.0 ** np.arange(20):
+        near = gaps[gaps < reach * step]
+        whole = np.rint(near / step)
+        step = float(np.sum(whole * near) / np.sum(whole**2)) if np.any(whole) else step
+    return step

@@ -1,0 +1,67 @@
+"""Noise of channels that is not told: steps of converters and encoders, and what x and u leave."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.noise import resolution
+from herringbone_sim.gap.residuals.misfit import geometry_scales
+from herringbone_sim.gap.sensors.noise import with_estimated_noise
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.plan import RequestedNoise, draw_plan
+from herringbone_sim.recording.importing.turns import base_radius
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+
+def test_steps_of_an_encoder_are_seen_through_the_steady_rotation() -> None:
+    """Counts less a rotation lie on no grid, but their second differences do."""
+    t = np.linspace(0.0, 1.0, 3000)
+    angle = 3.0 * t[:, None] + 1e-3 * np.sin(np.outer(t, [40.0, 63.0]))
+    step = 2e-5
+    counts = np.round(angle / step) * step
+    for clock in (t, np.round(t, 9)):
+        np.testing.assert_allclose(resolution(counts - 3.0 * clock[:, None]), step, rtol=1e-3)
+    assert np.all(resolution(angle - 3.0 * t[:, None]) == 0.0)
+
+
+@pytest.mark.parametrize("step", [2.44e-3, 2.44e-2, 0.244])
+@pytest.mark.parametrize("kept", [np.float64, np.float32, lambda y: np.round(y, 4)])
+def test_steps_of_a_converter_are_seen_however_they_are_stored(step: float, kept: Any) -> None:
+    force = 500.0 + np.random.default_rng(1).normal(0.0, 100.0, (3000, 1))
+    converted = np.asarray(kept(np.round(force / step) * step), dtype=float)
+    assert resolution(converted)[0] == pytest.approx(step, rel=0.02)
+
+
+def test_values_on_no_grid_have_no_steps() -> None:
+    """White noise, a clean motion whose samples repeat, one spike, a constant, nothing."""
+    rng, n = np.random.default_rng(2), np.arange(3000.0)
+    spike = rng.normal(0.0, 1e-3, 3000)
+    spike[7] = 50.0
+    periodic = np.sin(0.2 * np.pi * n) + 0.3 * np.sin(0.4 * np.pi * n + 1.0)
+    every = (rng.normal(size=3000), periodic, spike, np.ones(3000), np.full(3000, np.nan))
+    np.testing.assert_array_equal(resolution(np.stack(every, axis=1)), 0.0)
+
+
+def test_a_second_set_of_encoders_is_no_other_gear_and_as_noisy_as_it_is() -> None:
+    """A healthy rig: gratings off centre, whose lines are no motion, and x with steps of its own,
+    of which the spectrum tells half."""
+    made = make_campaign(draw_plan(660013, "none", noise=RequestedNoise("encoders_two")))
+    campaign = as_prepared(made)
+    for run in campaign.runs:
+        of_u, of_e = geometry_scales(run)
+        assert of_u == pytest.approx(1.0, abs=0.1)
+        assert of_e == pytest.approx(0.0, abs=0.1)
+    step = 2.0 * np.pi / made.label["noise"]["encoders"]["counts"] / np.sqrt(12.0)
+    for run in campaign.of_role("fit"):
+        model = run.model
+        of_u = step * np.array([base_radius(model, body) for body in model.layout.bodies])
+        of_x = np.sqrt(bodies_to_meshes(model) ** 2 @ of_u**2)
+        found = with_estimated_noise(run)
+        np.testing.assert_allclose(found.u.sigma, of_u, rtol=0.3)
+        assert np.all((found.x.sigma / of_x > 0.4) & (found.x.sigma / of_x < 1.3))
