@@ -19,7 +19,6 @@ from herringbone_sim.diagnosis.fits import (
     MIN_FITTED,
     NONLINEAR_CHI2,
     FittedExplanation,
-    best_of_each,
     fit_again,
     fit_best,
     fit_pairs,
@@ -29,6 +28,7 @@ from herringbone_sim.diagnosis.fits import (
     refit_second_alone,
     simplest_equivalent,
     with_unscreened,
+    without_duplicates,
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
@@ -150,7 +150,7 @@ def examine(
             second = refit_second_alone(search, singles, pairs)
             if second is not None and not machine.estimates_states:  # for run time
                 more = fit_rivals_of_first(search, second, singles, pairs)
-                pairs = best_of_each((*pairs, *more))
+                pairs = without_duplicates((*pairs, *more))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
             if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
@@ -162,7 +162,7 @@ def examine(
                 and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 more = fit_pairs(search, catalogue, second, 0.0, singles)
-                pairs = best_of_each((*pairs, *more))
+                pairs = without_duplicates((*pairs, *more))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], left)
     screened: dict[str, float] = {}
     for value, one, _ in ranked:

@@ -231,7 +231,7 @@ def _beside_singles(
     return found
 
 
-def best_of_each(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
+def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
     """The fit of each set of hypotheses that leaves least, best first."""
     found: dict[frozenset[Any], FittedExplanation] = {}
     for f in sorted(fits, key=lambda f: f.loss):

@@ -12,13 +12,13 @@ from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
-    best_of_each,
     fit_best,
     fit_pairs,
     fit_rivals_of_first,
     rank,
     refit_second_alone,
     with_unscreened,
+    without_duplicates,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
 
@@ -165,14 +165,14 @@ def test_the_rival_of_the_first_effect_is_tried_beside_the_second() -> None:
     pairs = [fitted(40.0, first, second)]
     (found,) = fit_rivals_of_first(search, singles[2], singles, pairs)
     assert found.effects == ("stagger", "backlash")
-    assert best_of_each([*pairs, found])[0] is found
+    assert without_duplicates([*pairs, found])[0] is found
 
 
 def test_a_pair_stands_once_whichever_effect_was_first() -> None:
     first, second = one("thermal"), one("stagger")
     better, other = fitted(30.0, second, first), fitted(40.0, first, second)
     alone = fitted(35.0, first, one("ring"))
-    assert best_of_each([other, alone, better]) == (better, alone)
+    assert without_duplicates([other, alone, better]) == (better, alone)
 
 
 def test_the_second_effect_to_fit_alone_is_one_that_can_stand_alone() -> None:

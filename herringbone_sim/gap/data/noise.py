@@ -8,7 +8,7 @@ from herringbone_sim.arrays import Array
 
 # Chosen, for grids (``_grid_step``): RMS departure, in steps (of points on none it is 0.29);
 # share of the points by which one step of a grid counts as met, and how many must be.
-OFF_GRID, MET, STEPS_MET = 0.1, 0.01, 3
+OFF_GRID, STEP_SHARE, LEAST_STEPS = 0.1, 0.01, 3
 
 
 def spectral_floor(values: Array, share: float = 0.2) -> Array:
@@ -52,14 +52,14 @@ def resolution(values: Array) -> Array:
     return np.array([max(_grid_step(y, y), _grid_step(np.diff(y, 2), y)) for y in values.T])
 
 
-def of_steps(values: Array) -> Array:
+def quantisation_noise(values: Array) -> Array:
     """Standard deviation (k,) of the error that rounding to steps makes in channels (n, k)."""
     return np.asarray(resolution(values) / np.sqrt(12.0))
 
 
-def above_steps(sigma: Array, values: Array) -> Array:
+def at_least_quantisation(sigma: Array, values: Array) -> Array:
     """Noise (k,) of channels (n, k), at least that of their steps; NaN stays."""
-    found: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, of_steps(values)))
+    found: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, quantisation_noise(values)))
     return found
 
 
@@ -74,14 +74,14 @@ def _grid_step(points: Array, values: Array) -> float:
     if not len(gaps):
         return 0.0
     sizes = np.sort(gaps[gaps > 1e-9 * (np.nanmax(values) - np.nanmin(values))])
-    if len(sizes) < STEPS_MET - 1:
+    if len(sizes) < LEAST_STEPS - 1:
         return 0.0
     parting = 1 + int(np.argmax(sizes[1:] / sizes[:-1]))
     for step in (float(sizes[parting]), float(sizes[0])):
         apart = gaps > 0.5 * step
         first = np.flatnonzero(np.append(True, apart))  # point at each step of the grid
         last = np.append(first[1:], len(ordered)) - 1
-        met = np.sum(last - first + 1 >= MET * len(ordered)) >= STEPS_MET
+        met = np.sum(last - first + 1 >= STEP_SHARE * len(ordered)) >= LEAST_STEPS
         exact = step == sizes[0]
         if (met or exact) and np.max(ordered[last] - ordered[first]) < OFF_GRID * step:
             step = _refined(step, gaps[apart])

@@ -14,7 +14,11 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError, listed
 from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
-from herringbone_sim.gap.data.noise import above_steps, of_steps, spectral_floor
+from herringbone_sim.gap.data.noise import (
+    at_least_quantisation,
+    quantisation_noise,
+    spectral_floor,
+)
 from herringbone_sim.gap.data.prepared import (
     Measured,
     PreparedCampaign,
@@ -261,9 +265,9 @@ def _measured(
     else:
         known = np.maximum(np.isfinite(values).sum(axis=0), 1)
         power = np.nansum(values**2, axis=0) / known / (1.0 + noise_share**2)
-        sigma = np.sqrt(noise_share**2 * power + of_steps(values) ** 2)
+        sigma = np.sqrt(noise_share**2 * power + quantisation_noise(values) ** 2)
         lost = np.isin(names, detrended)
         sigma[lost] = spectral_floor(values[:, lost]) if lost.any() else sigma[lost]
     own = np.array([told.get(name, np.nan) for name in names])
-    sigma = above_steps(np.where(np.isfinite(own), own, sigma), values)
+    sigma = at_least_quantisation(np.where(np.isfinite(own), own, sigma), values)
     return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(own))

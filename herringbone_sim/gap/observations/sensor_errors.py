@@ -21,7 +21,7 @@ GAIN = 0.05  # moderate error of a gain; a moderate bias is this share of the RM
 LARGEST_GAIN = 0.95  # a gain keeps its sign
 # Largest departure from 1 of an exchange, which is present or absent: a share of it would average
 # the noise of both channels where they move alike.
-EXCHANGE = 1e-3
+EXCHANGE_TOLERANCE = 1e-3
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -59,7 +59,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         weights[balance.NAME, f"F of {i}"] = apart
         weights[balance.NAME, f"F of {j}"] = -apart
         names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        one = builder.coefficient("swap", weights, EXCHANGE, EXCHANGE, 1.0)
+        one = builder.coefficient("swap", weights, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0)
         yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
 
 
@@ -89,7 +89,7 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             )
     if gear.swap is not None:
         one = builder.coefficient(
-            "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE, EXCHANGE, 1.0
+            "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
         )
         yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
 
@@ -126,7 +126,9 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     for f in gear.functions[trajectory.NAME]:
         if f.startswith(SWAP_PREFIX):
             pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
-            one = builder.coefficient("swap", {(trajectory.NAME, f): 1.0}, EXCHANGE, EXCHANGE, 1.0)
+            one = builder.coefficient(
+                "swap", {(trajectory.NAME, f): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
+            )
             yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
 
 

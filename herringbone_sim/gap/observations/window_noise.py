@@ -15,7 +15,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.threads import parallel_map
-from herringbone_sim.gap.data.noise import above_steps
+from herringbone_sim.gap.data.noise import at_least_quantisation
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun, deciding
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.trajectory import Trajectory
@@ -64,7 +64,7 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
 def _lowered(channels: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
     """Channels with their noise lowered to what is left of each."""
     lowered = np.fmin(channels.sigma, _of(names, left))
-    return channels.with_noise(above_steps(lowered, channels.values))
+    return channels.with_noise(at_least_quantisation(lowered, channels.values))
 
 
 def _of(names: Sequence[str], left: Mapping[str, float]) -> Array:

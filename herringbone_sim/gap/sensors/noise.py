@@ -13,7 +13,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
-from herringbone_sim.gap.data.noise import above_steps, spectral_floor
+from herringbone_sim.gap.data.noise import at_least_quantisation, spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -45,7 +45,7 @@ def with_estimated_noise(run: PreparedRun) -> PreparedRun:
     of_motion = np.mean(law.sigma_n[:, known] ** 2, axis=0) - sigma[known] ** 2
     of_force = np.sqrt(np.maximum(total - of_motion, (LEAST * sigma[known]) ** 2))
     sigma[known] = np.minimum(sigma[known], of_force)
-    return replace(run, F=run.F.with_noise(above_steps(sigma, run.F.values)))
+    return replace(run, F=run.F.with_noise(at_least_quantisation(sigma, run.F.values)))
 
 
 def _noise_ratio(residual: Array) -> float:
@@ -81,4 +81,4 @@ def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
 
 def _scaled(measured: Measured, scale: float) -> Measured:
     """Channels with their noise scaled, but not below that of their steps."""
-    return measured.with_noise(above_steps(scale * measured.sigma, measured.values))
+    return measured.with_noise(at_least_quantisation(scale * measured.sigma, measured.values))
