@@ -84,14 +84,17 @@ class SegmentResult:
         motion: its samples, transients dropped.
         section: its stroboscopic points, transients dropped.
         dropped_cycles: cycles dropped as transient.
-        noise: RMS of the noise per coordinate, in units of the scale of the motion.
-        period: in mesh cycles.
-        exponent: estimated from the data, per mesh cycle.
+        noise: RMS noise of the section points over all coordinates, in units of the scale of the
+            motion.
+        period: of the section points, in mesh cycles.
+        exponent: largest Lyapunov exponent from the section points, per mesh cycle; NaN with a
+            reason.
         model_exponent: of the nominal model, per mesh cycle, and its standard error; NaN if
             unknown.
-        spectrum: None if there are too few cycles.
-        lines: spectral lines at the mesh orders h / n of all meshes, n the period.
-        off_lines: (k,) share of the power off these lines.
+        spectrum: of the displacements; None if there are too few cycles.
+        lines: its amplitudes [m] at the mesh orders h / n of all meshes, n the period (1 if there
+            is none).
+        off_lines: (k,) share of the power of each mesh off these lines; empty without a spectrum.
         half_backlash_m: b' of ``sp`` and ``rp`` in m; None if unknown.
         contact: contact shares of every mesh.
         cycles_per_tau: Omega / 2 pi, NaN if omega_n is unknown.

@@ -76,9 +76,15 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
 
 
 def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0) -> Array:
-    """RMS noise (2 k,) of section points x, v from that of the samples, (k,) for x and (k,) for v.
+    """RMS noise (2 k,) of section points, x [m] then v [m/s], from that of the samples.
 
-    Interpolation averages neighbours, which removes up to a third of the noise.
+    Interpolation averages neighbours, which removes up to a third of the noise. It is that of
+    the first point, which stands for all.
+
+    Args:
+        motion: whose times and phases are used.
+        noise: RMS of the samples, (k,) for x [m] and (k,) for v [m/s].
+        phase: of the section [rad].
     """
     if len(motion) < 2:
         return np.concatenate(noise)

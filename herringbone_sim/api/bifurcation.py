@@ -55,7 +55,7 @@ class Bifurcation(NotebookResult):
         return f"bifurcation over {axis.name}, {len(axis)} values from {ends}"
 
     def facts(self) -> list[tuple[str, str]]:
-        facts = [(branch.start, _periods(branch)) for branch in self.diagram.branches]
+        facts = [(branch.start, _period_shares(branch)) for branch in self.diagram.branches]
         if len(facts) > 1:
             apart = int(self.diagram.hysteresis().sum())
             facts.append(("different motions by different ways", f"{apart} values"))
@@ -77,8 +77,11 @@ class Bifurcation(NotebookResult):
         return data_frame({self.diagram.axis.name: axis, "start": starts, **columns})
 
 
-def _periods(branch: Branch) -> str:
-    """Shares of the periods, the commonest first."""
+def _period_shares(branch: Branch) -> str:
+    """Share of the values with each period as text, ``P1 60.0%, aperiodic 38.5%``, largest first.
+
+    Values that failed are counted in the whole, but not listed.
+    """
     known = branch.period[np.isfinite(branch.period)]
     values, counts = np.unique(known, return_counts=True)
     pairs = sorted(zip(counts / len(branch.period), values, strict=True), reverse=True)

@@ -140,13 +140,13 @@ def over_cycles(step, kernel, y, cycle, cycles, steps):
 
 @inlined
 def plain_step(orbit, y, cycle, index):
-    """One grid step by Taylor series, for a gear without powers (see ``Packed.powers``)."""
+    """One grid step by Taylor series; forces linear between switches (not ``Packed.powers``)."""
     return grid_step(move_plain, orbit, cycle, index)
 
 
 @inlined
 def powers_step(orbit, y, cycle, index):
-    """One grid step by Taylor series, for a gear with powers."""
+    """One grid step by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
     return grid_step(move_any, orbit, cycle, index)
 
 
@@ -161,13 +161,13 @@ def rk4_grid_step(kernel, y, cycle, index):
 # Each method is compiled by itself, when it is first used.
 @compiled
 def run_plain(kernel, p, w, y, tangents, growth, place, t, grid, out):
-    """``sample`` by Taylor series, for a gear without powers."""
+    """``sample`` by Taylor series; forces linear between switches (not ``Packed.powers``)."""
     return sample(plain_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
 @compiled
 def run_powers(kernel, p, w, y, tangents, growth, place, t, grid, out):
-    """``sample`` by Taylor series, for a gear with powers."""
+    """``sample`` by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
     return sample(powers_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
 
 
@@ -179,13 +179,13 @@ def run_rk4(kernel, p, w, y, tangents, growth, place, t, grid, out):
 
 @compiled
 def cross_plain(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` by Taylor series, for a gear without powers."""
+    """``over_cycles`` by Taylor series; forces linear between switches (not ``Packed.powers``)."""
     over_cycles(plain_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
 def cross_powers(kernel, y, cycle, cycles, steps):
-    """``over_cycles`` by Taylor series, for a gear with powers."""
+    """``over_cycles`` by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
     over_cycles(powers_step, kernel, y, cycle, cycles, steps)
 
 
@@ -240,7 +240,7 @@ def trace(step, orbit, place, steps, stride, states, columns):
 
 @compiled
 def trace_plain(orbit, place, steps, stride, states, columns):
-    """``trace`` of a gear without powers."""
+    """``trace`` for a gear whose forces are linear between switches (not ``Packed.powers``)."""
     trace(plain_step, orbit, place, steps, stride, states, columns)
 
 

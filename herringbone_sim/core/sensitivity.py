@@ -23,7 +23,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.columns import Near
-from herringbone_sim.core.lanes.packed import AnyWork, Shape, Work, constants
+from herringbone_sim.core.lanes.packed import NonlinearWork, Shape, Work, constants
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed
@@ -210,7 +210,7 @@ def near_of(
         pair=zeros(1, size),
         work=work._replace(
             **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
-            own=AnyWork(*(np.zeros_like(value) for value in work.own)),
+            own=NonlinearWork(*(np.zeros_like(value) for value in work.own)),
         ),
     )
     if not lanes:

@@ -22,7 +22,7 @@ MAX_INPUTS = 3  # measured quantities that one feature depends on
 MAX_HARMONIC = 4  # of an angle
 RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
 SPARSE_SIZES = (10, 40)  # features of the sparse regressions
-MAX_SAMPLES = 6000  # of a row, 30 per feature
+MAX_SAMPLES = 30 * N_FEATURES  # of a row
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,13 @@ class RegressionInputs:
     angles: Array
     factors: Array
     responses: Array | None = None
+
+    def at(self, samples: Indices) -> RegressionInputs:
+        """Those of some samples."""
+        responses = None if self.responses is None else self.responses[samples]
+        return RegressionInputs(
+            self.values[samples], self.angles[samples], self.factors[samples], responses
+        )
 
 
 @dataclass(frozen=True)
@@ -124,27 +131,39 @@ def predict_residuals(
     )
     runs, R = len(residuals), residuals[0].shape[1]
     thin = max(1, sum(len(r) for r in residuals) // MAX_SAMPLES)
-    residuals = [r[::thin] for r in residuals]
+    used = [_thinned(len(r), thin) for r in residuals]
+    residuals = [r[i] for r, i in zip(residuals, used, strict=True)]
     energy, left = np.zeros((runs, R)), np.zeros((runs, R))
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
-    fold = np.concatenate([b[::thin] % 2 for b in blocks])
-    angles = np.concatenate([s.angles[::thin] for s in inputs])
+    fold = np.concatenate([b[i] % 2 for b, i in zip(blocks, used, strict=True)])
+    inputs = [s.at(i) for s, i in zip(inputs, used, strict=True)]
+    angles = np.concatenate([s.angles for s in inputs])
     for row in range(R):
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
             continue
-        responses = [s.responses[::thin, row] for s in inputs if s.responses is not None]
+        responses = [s.responses[:, row] for s in inputs if s.responses is not None]
         if responses:
             P = _unit_rms(np.concatenate(responses))
         else:
-            values = _unit_rms(np.concatenate([s.values[::thin, row] for s in inputs]))
-            factors = _unit_rms(np.concatenate([s.factors[::thin, row] for s in inputs]))
+            values = _unit_rms(np.concatenate([s.values[:, row] for s in inputs]))
+            factors = _unit_rms(np.concatenate([s.factors[:, row] for s in inputs]))
             P = features.evaluated(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
         energy[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (energy[:, row] > 0.0)
     count = np.bincount(of_run, minlength=runs)[:, None] * (energy > 0.0)
     return Predictable(energy, left, count.astype(float), thin * independent_share)
+
+
+def _thinned(n: int, thin: int) -> Indices:
+    """Indices of one of every ``thin`` samples of n, at no fixed phase of a mesh cycle.
+
+    Shifts follow the golden section, as evenly spread as any sequence.
+    """
+    i = np.arange(-(-n // thin))
+    shift = np.floor(thin * (i * 0.5 * (5.0**0.5 - 1.0) % 1.0)).astype(int)
+    return np.asarray(np.minimum(thin * i + shift, n - 1))
 
 
 def _unit_rms(values: Array) -> Array:

@@ -35,13 +35,14 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import norm
 
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.errors import AnalysisError
 
-HALF_90 = 1.645  # standard deviations of half a 90 % interval
+HALF_90 = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
 FILE = Path(__file__).with_name("calibration.json")
 UNKNOWN = "unknown"
 NAMES = (

@@ -78,7 +78,19 @@ def match_known(
     exchange: Indices | None = None,
     tolerance: float = TOLERANCE,
 ) -> int:
-    """Index of an attractor in the list of known ones; the length of the list if it is new."""
+    """Index of the first known attractor that is the same as the candidate.
+
+    Args:
+        candidate: attractor to look up.
+        known: attractors found before.
+        exchange: (n,) indices that swap the two sides: mirror images count as the same; None: they
+            don't.
+        tolerance: as in ``attractor_of``; points of periodic attractors agree to within
+            ``SAME_POINTS`` times it.
+
+    Returns:
+        ``len(known)`` if none is the same.
+    """
     matches = (
         i for i, one in enumerate(known) if same_attractor(one, candidate, exchange, tolerance)
     )

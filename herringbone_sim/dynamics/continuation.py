@@ -34,7 +34,8 @@ class Branch:
         points: the orbits.
         ends: reason for the first and the last end: ``range`` of the parameter, ``closed`` curve,
             ``halved`` (passed an orbit of half its period), ``mirrored`` (passed an orbit with
-            equal left and right), ``start``, or the message of the last failed step.
+            equal left and right), ``start``, the message of the last failed step, or the number
+            of points where ``StepControl.points`` was reached.
     """
 
     points: tuple[BranchPoint, ...]
@@ -57,7 +58,10 @@ class StepControl:
 
 
 def follow(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
-    """Continue a branch from an orbit along its tangent to the end of the parameter range."""
+    """Continue a branch from an orbit along its tangent, around folds, until it ends.
+
+    That is where the parameter range ends, or earlier: see ``Branch.ends``.
+    """
     steps = steps or StepControl()
     points, ds = [start], steps.first
     while len(points) < steps.points:

@@ -50,7 +50,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     return replace(
         filled,
         effects=chosen,
-        own=tuple(zip(_keys(chosen), map(int, sizes), strict=True)),
+        own=tuple(zip(_state_keys(chosen), map(int, sizes), strict=True)),
         integrator=LaneStepper if any(one.effect.lanes for one in chosen) else LawStepper,
     )
 
@@ -67,14 +67,15 @@ def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
         model,
         packed=slots.packed() if chosen else model.bare,
         effects=tuple(chosen),
-        own=tuple(zip(_keys(chosen), sizes, strict=True)),
+        own=tuple(zip(_state_keys(chosen), sizes, strict=True)),
         integrator=None,
     )
 
 
-def _keys(actives: Sequence[Active]) -> list[Hashable]:
-    """Key of each effect: id, locus and number among equal ones, so that a run can carry its
-    states over.
+def _state_keys(actives: Sequence[Active]) -> list[Hashable]:
+    """Key of each effect, by which its states are kept when the effects change during a run.
+
+    Effect id, locus, and number of effects with the same two that precede it.
     """
     places = [(one.effect.id, one.locus) for one in actives]
     return [(*place, places[:i].count(place)) for i, place in enumerate(places)]

@@ -41,12 +41,13 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """Forces and torques by the laws.
+class LawForces:
+    """Mesh forces, and torques of the effects, that the laws give for a recorded motion.
 
     Attributes:
-        force: (n, n_mesh) normal mesh forces [N].
-        torque: (n, n_bodies) torques of effects over base radius [N], signed like u.
+        force: (n, n_mesh) whole normal mesh force k f + c v, with the effects [N].
+        torque: (n, n_bodies) torque of the effects alone over the base radius of the body [N],
+            positive where u of the body increases.
     """
 
     force: Array
@@ -85,9 +86,9 @@ def motion(model: Model, series: TimeSeries) -> Motion:
     )
 
 
-def answer(
+def evaluate(
     model: Model, actives: Sequence[Active], moved: Motion, table: Array | None = None
-) -> Answer:
+) -> LawForces:
     """Mesh forces and torques of a gear with effects at recorded motion.
 
     States of effects (ring, bearing) start at rest and follow the measured forces, so their first
@@ -129,14 +130,14 @@ def answer(
             force,
             torque,
         )
-    return Answer(force, torque)
+    return LawForces(force, torque)
 
 
 def forces(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
-    """Normal mesh forces (n, n_mesh) [N], see ``answer``."""
-    return answer(model, actives, moved).force
+    """Normal mesh forces (n, n_mesh) [N], see ``evaluate``."""
+    return evaluate(model, actives, moved).force
 
 
 def torques(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
-    """Effects' torques over base radius (n, n_bodies) [N], see ``answer``."""
-    return answer(model, actives, moved).torque
+    """Effects' torques over base radius (n, n_bodies) [N], see ``evaluate``."""
+    return evaluate(model, actives, moved).torque

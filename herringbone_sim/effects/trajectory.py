@@ -56,7 +56,10 @@ class Trajectory:
 
     @cached_property
     def by_start(self) -> Array:
-        """(n, n_channels, n_state) derivatives of the samples with respect to the first state."""
+        """(n, n_channels, n_state) derivatives of ``rows`` [SI] with respect to the first state.
+
+        The state is dimensionless (b_c, b_c omega_n).
+        """
         found: Array = self.by_reading @ self.transition
         return found
 

@@ -31,6 +31,7 @@ from herringbone_sim.gap.observations.reconstructed_forces import (
     forces_of_run,
 )
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
+from herringbone_sim.gap.observations.tolerances import GAUGE_GAIN_TOLERANCE
 from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
@@ -45,7 +46,6 @@ from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Say = Callable[[str], None]
-GAUGE_TOLERANCE = 0.05  # of the gain of a strain gauge if campaign.yaml gives none, data sheet
 STRIDE = 2  # samples between values of the force law in the search
 
 
@@ -172,11 +172,11 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
 
 
 def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
-    """Gain tolerance (n_mesh,) of the force sensors: of campaign.yaml, or ``GAUGE_TOLERANCE``."""
+    """Gain tolerance (n_mesh,) of the force sensors: of campaign.yaml, or that of gauges."""
     tolerances = campaign.gain_tolerance
     if campaign.noise_known or any(tolerances):
         return tolerances
-    return (GAUGE_TOLERANCE,) * len(tolerances)
+    return (GAUGE_GAIN_TOLERANCE,) * len(tolerances)
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:

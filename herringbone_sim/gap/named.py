@@ -188,7 +188,7 @@ def _event(h: Hypothesis, c: Array) -> Array:
     top = int(np.argmax(np.abs(curve)))
     above = np.abs(curve) > 0.5 * abs(curve[top])
     width = 2.0 * float(above.sum()) * float(KNOTS[1] - KNOTS[0])
-    position = (h.source.middle + KNOTS[top]) % 77.0
+    position = (h.source.middle + KNOTS[top]) % h.source.turn
     return np.array([curve[top], position, np.clip(width, 0.2, 4.0)])
 
 

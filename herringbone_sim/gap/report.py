@@ -118,7 +118,7 @@ class Report:
         return () if other is None else tuple(one.effect.id for one in other.actives)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``report.json``; NaN becomes null."""
+        """Content of ``report.json``; numbers that are not finite become None."""
         verdict = self.verdict
         data = {
             "schema": SCHEMA,

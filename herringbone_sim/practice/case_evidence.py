@@ -26,8 +26,8 @@ class CaseEvidence:
         truth: effects; empty for none, ``("unknown",)`` for a cause outside the catalogue.
         stratum: noise, law, channels and d.
         evidence: numbers that the judge uses.
-        sizes: (error, standard deviation, true size) of each parameter of the correctly named
-            effects.
+        sizes: (error, standard deviation, true size of the effect) of each parameter, see
+            ``outcome.size_errors``.
     """
 
     seed: int

@@ -124,9 +124,7 @@ def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float)
 
 
 def by_encoder(noise: Noise, name: str) -> bool:
-    """Whether a channel is computed from counts and therefore gets no noise, gauge or
-    converter.
-    """
+    """Whether a channel is computed from encoder counts; it then gets no noise or converter."""
     return "encoders" in noise.parts and name[0] in "uxv"
 
 

@@ -188,8 +188,11 @@ def _ring(rng: Generator) -> Curve:
 
 
 def _bearing(rng: Generator) -> Curve:
-    """Width of the ends of the clearance, and hardening of the seat at the deflection under 100
-    kN.
+    """Draw the law of a planet pin's seat.
+
+    ``softness``: width over which the pin meets the seat, over the clearance, 0 = sharp;
+    ``stiffness`` [N/m] of the seat; ``ratio``: its damping ratio; ``growth``: relative growth of
+    the stiffness at the deflection under 100 kN.
     """
     return {
         "softness": float(rng.choice([0.0, rng.uniform(0.1, 0.8)])),

@@ -53,17 +53,22 @@ def _white(_: Generator) -> Parts:
 def _coloured(rng: Generator) -> Parts:
     """Drift and hum, each with 0.1 to 0.5 of the RMS of the noise."""
     drift, hum = rng.uniform(0.1, 0.5, 2) ** 2
-    return _colours(rng, float(drift), float(hum), 3)
+    return _drift_and_hum(rng, float(drift), float(hum), 3)
 
 
 def _coloured_hard(rng: Generator) -> Parts:
     """Drift and hum with together 40 % of the power; the hum has more harmonics of the mains."""
     drift = float(HARD * rng.uniform(0.2, 0.8))
-    return _colours(rng, drift, HARD - drift, 7)
+    return _drift_and_hum(rng, drift, HARD - drift, 7)
 
 
-def _colours(rng: Generator, drift: float, hum: float, multiples: int) -> Parts:
-    """Parts for drift and hum of given power."""
+def _drift_and_hum(rng: Generator, drift: float, hum: float, multiples: int) -> Parts:
+    """Draw the parameters of drift (spectral law) and hum (amplitudes of its harmonics).
+
+    Args:
+        drift, hum: share of each in the noise power; the rest is white.
+        multiples: number of harmonics of the mains in the hum.
+    """
     heights = rng.uniform(0.2, 1.0, multiples)
     law = str(rng.choice(["walk", "1/f"]))
     lines = (heights / np.linalg.norm(heights)).tolist()

@@ -243,7 +243,17 @@ def _value(cause: Json, name: str) -> Any:
 
 
 def _size_error(entry: Json, cause: Json) -> float | None:
-    """Relative error of the size; None if it can't be computed."""
+    """Distance of the reported from the true ``SIZES`` of an effect, over its true size.
+
+    The true size is the distance from the values without the effect: for a gain of 1.02, 0.02.
+
+    Args:
+        entry: the effect in the label.
+        cause: the same effect in the report.
+
+    Returns:
+        None if a value is missing or the true size is 0.
+    """
     names, neutral = SIZES.get(entry["effect"], ((), 0.0))
     true, found = ([_value(one, name) for name in names] for one in (entry, cause))
     if not names or any(not _number(value) for value in (*true, *found)):
@@ -269,7 +279,16 @@ def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
 
 
 def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
-    """(error, standard deviation, true size) of each parameter of the right effects."""
+    """Errors of the reported size of each true effect, to fit the model error of intervals.
+
+    Of each true effect the most probable reported cause counts if its locus is right, whether or
+    not the verdict names it.
+
+    Returns:
+        For each parameter in ``SIZES`` that has a ``ci90``: estimate minus true value, standard
+        deviation from the interval, and true size of the effect: the distance of all of its
+        ``SIZES`` from their values without the effect. All in the unit of the parameter.
+    """
     found = []
     for told in label["effects"]:
         same = [c for c in report["causes"] if c["effect"] == told["effect"]]

@@ -86,14 +86,19 @@ def _untargeted(rows: Sequence[Row]) -> list[Row]:
 def table_markdown(bench: Bench, seed_overlap: SeedOverlap | None = None) -> str:
     """The table as Markdown."""
     cases = bench.cases
-    parts = [_head(bench, seed_overlap), _aim_part(bench), _one_part(cases)]
+    parts = [_title_part(bench, seed_overlap), _aim_part(bench), _one_part(cases)]
     parts += [_why_part(aimed(cases)), _strata_part(cases), _cell_part(cases)]
     parts.append(_cause_part(cases))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _head(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
-    """Title and facts of the bench."""
+def _title_part(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
+    """Title of the table as Markdown, then numbers of campaigns, seeds, setting and run times.
+
+    Args:
+        bench: the stored bench.
+        seed_overlap: marks the seeds as seen while calibrating if it holds any; None: not checked.
+    """
     note = bench.note
     frozen = note.get("calibration") or {}
     known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"

@@ -104,7 +104,7 @@ class GapNode(GuardedNode):
         found = picture.residual
         if found is not None and picture.rig.fresh:
             values = Values(
-                stamp_ns(found.t_s), found.places, found.shares, found.chi, found.rms_of_place
+                stamp_ns(found.t_s), found.places, found.shares, found.chi, found.rms_by_place
             )
             self._residual.publish(encode_joint_state(values))
         a, b = picture.rig_motion, picture.simulator_motion

@@ -92,7 +92,10 @@ class SimulatorNode(GuardedNode):
         return {name: self._get(name) for name in names}
 
     def _open(self) -> None:
-        """Create callbacks, services, timers and threads, after everything that they use."""
+        """Register callbacks, services and timers, then start streams, recording and loop.
+
+        Last in ``__init__``, as they use all that it made. It records if ``record`` is true.
+        """
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._apply)
         for name in COMMANDS:

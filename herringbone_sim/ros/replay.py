@@ -89,14 +89,22 @@ class Sent:
 
 
 def publish(recording: Recording, playing: Playing, node_name: str = "herringbone_sim") -> Sent:
-    """Publish ``~/channels``, ``~/samples``, ``~/section`` and ``~/state`` of a run.
+    """Publish the samples of a recording, paced by ``playing``, until its end or a signal.
 
-    ``~/state`` is sampled at phase 0, so a live plot shows a section and no aliasing. SIGINT and
-    SIGTERM end it; call it in the main thread.
+    ``~/channels`` is sent once, ``~/samples`` has all rows, ``~/section`` the rows at phase 0 and
+    ``~/state`` the last of these in each sending step (20 ms of wall time or less): a live plot
+    then shows section points and no aliasing. ``~/section`` needs the channel ``phase``,
+    ``~/state`` also x, v and F of every mesh. SIGINT and SIGTERM end it; call it in the main
+    thread.
 
     Args:
+        recording: the recorded run.
+        playing: speed, start, repetition and rate of ``/clock``.
         node_name: name of the node whose topics are used; two nodes of one name confuse
             subscribers.
+
+    Returns:
+        Number of samples sent, and the signal that ended it.
 
     Raises:
         ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``,

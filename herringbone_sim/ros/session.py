@@ -144,8 +144,8 @@ class Session:
     """Writes deliveries to a run in a thread; continues in a new run if its files are lost.
 
     Args:
-        place: where to.
-        first: origin of the first sample: model, state, effects, clock.
+        place: folder, name and limits of the files.
+        first: model, state, effects and clock at the first sample.
         decimate: selects the rows of a delivery that go to ``state``.
         warn: called with a text if the recording fails or loses samples.
 
@@ -206,10 +206,10 @@ class Session:
             self._queue.put(delivery)
 
     def stop(self) -> Outcome:
-        """Finish the run.
+        """Write what is still queued, close the last file and return the counts of the recording.
 
         Raises:
-            RecordingError: it had ended early; what was written is kept.
+            RecordingError: the recording had ended early; what was written is kept.
         """
         self._queue.put(None)
         self._thread.join()
@@ -285,7 +285,7 @@ class Session:
             self._warn(f"recording goes on in {self.path}")
 
     def _write(self, delivery: Delivery) -> None:
-        """Write parameter changes, samples and decimated states of a delivery."""
+        """Write changes and samples of a delivery, and x, v, F of the meshes for some rows."""
         block, layout, writer = delivery.block, delivery.model.layout, self._runs[-1]
         now = time.time_ns()
         for change in delivery.changes:

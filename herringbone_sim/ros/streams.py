@@ -49,7 +49,7 @@ class Decimator:
         self.speed = 1.0
 
     def __call__(self, delivery: Delivery) -> list[int]:
-        """Indices of the rows to publish, ascending."""
+        """Indices of the rows that go to ``~/state`` and to its recording, ascending."""
         block, p = delivery.block, delivery.model.parameters
         rate = self.speed / sample_period_s(delivery.model)
         per_cycle = p.samples_per_cycle

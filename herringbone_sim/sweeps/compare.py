@@ -26,13 +26,13 @@ LEAST_STRETCH = 0.02  # share of the values; shorter stretches are periodic wind
 
 @dataclass(frozen=True)
 class GearSweeps:
-    """Sweeps of one of the two gears over the same values.
+    """Sweeps of one of the two gears over the same values of a parameter.
 
     Attributes:
         name: ``nominal`` or ``augmented``.
-        results: sweep results over the same n values of one axis, by the start of the sweep
-            (``fixed``, ``up``, ...).
-        forcing: forcing period of its effects in mesh cycles.
+        results: results over the same n values, by the way in which a value is reached: ``fixed``,
+            ``up`` or ``down`` as in ``Sweep.start``, or ``random 1``, ... from a random state.
+        forcing: mesh cycles after which the gear with its effects repeats; 1 without effects.
     """
 
     name: str

@@ -13,7 +13,12 @@ from scipy.stats import multivariate_normal
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, Placement
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
-from herringbone_sim.diagnosis.flexible import Predictable, RegressionInputs, predict_residuals
+from herringbone_sim.diagnosis.flexible import (
+    MAX_SAMPLES,
+    Predictable,
+    RegressionInputs,
+    predict_residuals,
+)
 from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import (
@@ -254,6 +259,18 @@ def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
         np.array([[0.0, 0.0], [100.0, 100.0]]),
     )
     np.testing.assert_allclose(_noise_factors(some), [[1.0, 1.0], [2.0, 2.0]])
+
+
+def test_a_law_of_the_mesh_phase_is_predictable_from_few_of_its_samples():
+    """12 samples a mesh cycle, one of 12 used: not always the same one of the cycle."""
+    rng, n = np.random.default_rng(3), 72_000
+    angles = 2.0 * np.pi * np.arange(n)[:, None] / 12.0
+    around = RegressionInputs(np.zeros((n, 1, 1)), angles, np.ones((n, 1, 1)))
+    noisy = 3.0 * np.cos(angles) + rng.normal(size=(n, 1))
+    found = predict_residuals([noisy], [around], [np.arange(n) // 72])
+    assert found.count.sum() == MAX_SAMPLES
+    assert found.left.sum() < 1.2 * found.count.sum()
+    assert found.energy.sum() == pytest.approx(5.5 * found.count.sum(), rel=0.05)  # 1 + 3^2 / 2
 
 
 def test_larger_noise_makes_less_of_the_same_squares(measured):

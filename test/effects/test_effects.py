@@ -16,7 +16,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Locus, active
-from herringbone_sim.effects.evaluate import Motion, answer, forces, motion
+from herringbone_sim.effects.evaluate import Motion, evaluate, forces, motion
 from herringbone_sim.effects.registry import VARIABLE, effect, effects
 from herringbone_sim.effects.sensors import check_sensors
 from herringbone_sim.errors import AnalysisError, ParameterError
@@ -89,7 +89,7 @@ def test_every_effect_is_told_and_bounded(name: str, rig: Model) -> None:
 
 
 def test_without_effects_the_forces_are_those_of_the_model(rig: Model, moved: Motion) -> None:
-    found = answer(rig, [], moved)
+    found = evaluate(rig, [], moved)
     np.testing.assert_allclose(found.force, moved.force, atol=1e-9 * np.abs(found.force).max())
     assert not found.torque.any()
 
@@ -99,8 +99,11 @@ def test_an_effect_of_no_size_changes_nothing_to_the_bit(
     name: str, rig: Model, moved: Motion
 ) -> None:
     one = at_start(name, rig)
-    plain, none = answer(rig, [], moved), answer(rig, [one.with_theta(one.effect.neutral)], moved)
-    some = answer(rig, [one], moved)
+    plain, none = (
+        evaluate(rig, [], moved),
+        evaluate(rig, [one.with_theta(one.effect.neutral)], moved),
+    )
+    some = evaluate(rig, [one], moved)
     assert np.array_equal(plain.force, none.force)
     assert not none.torque.any()
     assert (some.force != plain.force).any() or some.torque.any()
@@ -125,7 +128,7 @@ def test_own_states_need_measured_forces(rig: Model, series: TimeSeries) -> None
     names = tuple(name for name in series.names if not name.startswith("F_"))
     blind = motion(rig, TimeSeries(series.times, series.columns(names), names))
     with pytest.raises(AnalysisError, match="measured forces"):
-        answer(rig, [at_start("ring_flexibility", rig)], blind)
+        evaluate(rig, [at_start("ring_flexibility", rig)], blind)
 
 
 def test_a_users_file_is_found(

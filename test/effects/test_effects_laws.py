@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Locus, active
-from herringbone_sim.effects.evaluate import Motion, answer
+from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.registry import effect
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -219,7 +219,7 @@ def test_the_force_is_that_of_the_equation(
     rig: Model, moved: Motion, case: Callable[[Model, Motion], tuple[Any, Array]]
 ) -> None:
     one, wanted = case(rig, moved)
-    found = answer(rig, [one], moved)
+    found = evaluate(rig, [one], moved)
     largest = np.abs(wanted).max()
     assert np.abs(wanted - law(rig, moved)).max() > 1e-4 * largest
     np.testing.assert_allclose(found.force, wanted, rtol=0.0, atol=1e-8 * largest)
@@ -227,8 +227,8 @@ def test_the_force_is_that_of_the_equation(
 
 
 def test_friction_takes_energy_and_leaves_the_normal_force(rig: Model, moved: Motion) -> None:
-    found = answer(rig, [active(effect("tooth_friction"), values={"mu": 0.1})], moved)
-    assert np.array_equal(found.force, answer(rig, [], moved).force)
+    found = evaluate(rig, [active(effect("tooth_friction"), values={"mu": 0.1})], moved)
+    assert np.array_equal(found.force, evaluate(rig, [], moved).force)
     work = found.torque @ np.array([2.0, 2.0, 1.0, *[1.0] * 6])  # the rotation that keeps every x
     assert work.max() <= 1e-9 * np.abs(work).max()
     assert work.min() < 0.0
@@ -236,7 +236,7 @@ def test_friction_takes_energy_and_leaves_the_normal_force(rig: Model, moved: Mo
 
 def test_friction_by_its_lever_arms(rig: Model, moved: Motion) -> None:
     mu = 0.08
-    found = answer(rig, [active(effect("tooth_friction"), Locus("sp"), {"mu": mu})], moved)
+    found = evaluate(rig, [active(effect("tooth_friction"), Locus("sp"), {"mu": mu})], moved)
     s, p = rig.scales, rig.parameters
     alpha_t = np.arctan(np.tan(np.radians(p.alpha_n)) / s.cos_beta)
     turn = moved.now[:, 0] / (2.0 * np.pi)
@@ -253,7 +253,7 @@ def test_a_ripple_is_a_share_of_the_input_torque_on_both_halves_of_the_sun(
     rig: Model, moved: Motion
 ) -> None:
     values = {"amplitude": 0.2, "phase": 0.3, "order": 7}
-    found = answer(rig, [active(effect("torque_ripple"), values=values)], moved)
+    found = evaluate(rig, [active(effect("torque_ripple"), values=values)], moved)
     input_angle = moved.now[:, 0] * (27.0 + 77.0) / (27.0 * 77.0)
     share = 0.2 * np.cos(7.0 * input_angle + 0.3)
     wanted = T_1 / 2.0 / rig.scales.r_bs * share
@@ -275,7 +275,7 @@ def still(rig: Model, force: float, n: int = 3000) -> Motion:
 def settled(rig: Model, one: Any, force: float) -> Array:
     """d (n_mesh,) by the damping-free inverse of the law: x = 0, so F shows f(d) alone."""
     stiff = build(rig.parameters.changed({"b": 0.0, "delta_T": 0.0}))
-    found: Array = answer(stiff, [one], still(stiff, force)).force[-1] / k(stiff, np.zeros(1))[0]
+    found: Array = evaluate(stiff, [one], still(stiff, force)).force[-1] / k(stiff, np.zeros(1))[0]
     return found
 
 
@@ -290,7 +290,7 @@ def test_a_ring_on_its_spring_gives_way_by_the_load_over_the_stiffness(rig: Mode
 def test_a_ring_swings_at_its_own_frequency(rig: Model) -> None:
     one = active(effect("ring_flexibility"), Locus("rp"), {"stiffness": 2e9, "damping": 0.0})
     stiff = build(rig.parameters.changed({"b": 0.0, "delta_T": 0.0, "xi": 0.0}))
-    d = answer(stiff, [one], still(stiff, 5e3, 2000)).force[:, 6] / k(stiff, np.zeros(1))[0, 6]
+    d = evaluate(stiff, [one], still(stiff, 5e3, 2000)).force[:, 6] / k(stiff, np.zeros(1))[0, 6]
     beta, t = rig.scales.cos_beta, np.arange(2000) * 5e-6
     swing = 1.0 - np.cos(np.sqrt(2e9 / rig.scales.M_r) * t)
     np.testing.assert_allclose(d, -3.0 * 5e3 / 2e9 * beta**2 * swing, atol=1e-9)

@@ -20,7 +20,7 @@ from herringbone_sim.gap.named import NamedEffect, name_effects
 from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
-from herringbone_sim.gap.observations.events import Event, event_columns, mesh_delays
+from herringbone_sim.gap.observations.events import KNOTS, Event, event_columns, mesh_delays
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import MeshMotion
 
@@ -155,12 +155,24 @@ def test_what_is_named_can_be_written_and_read(gear: Gear) -> None:
 def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> None:
     """Of the same sign and size; the windows differ as straight lines from a cosine."""
     _, late = next(mesh_delays(gear, "sun"))
-    event = Event(name, Locus("sp", "all", "L"), "sun", 16.0, tuple(late.tolist()))
+    event = Event(name, Locus("sp", "all", "L"), "sun", 27.0, 16.0, tuple(late.tolist()))
     with_event = gear.with_functions(event.functions(gear, "event"))
     h = event.hypothesis(CoefficientBuilder(with_event), "event")
     fitted, of_gear = both(with_event, h, np.array([0.8]))
     assert np.abs(fitted - of_gear).max() < 0.2 * np.abs(fitted).max()
     assert slope(fitted, of_gear) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: Gear) -> None:
+    """A peak half a mesh cycle before the start of a turn of the sun is in the 27th."""
+    event = Event("tooth_crack", Locus("sp", "1", "L"), "sun", 27.0, 0.1, (0.0,) * 12)
+    with_event = gear.with_functions(event.functions(gear, "event"))
+    h = event.hypothesis(CoefficientBuilder(with_event), "event")
+    curve = np.where(np.isclose(KNOTS, -0.5), 1.0, 0.0)
+    assert curve.any()
+    active = named(h, np.array([0.0, *curve])).active
+    position = active.theta[[p.name for p in active.effect.parameters].index("position")]
+    assert position == pytest.approx(26.6)
 
 
 PINS = "; ".join(f"pin_position@all/{planet}/all:offset=1e-9" for planet in (1, 2, 3))

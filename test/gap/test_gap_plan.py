@@ -113,7 +113,7 @@ def test_all_channels_of_the_contract_can_be_planned() -> None:
         POINTS[1:2],
         known_sensors(NOMINAL.layout),
         SensorNoise(1e-9),
-        6,
+        8,
     ).runs
     twice = np.diff(run.u.values, 2, axis=0) / run.step_s**2
     off = twice - run.a.values[1:-1]
@@ -151,7 +151,7 @@ def test_bad_input_is_named() -> None:
         point_of("speed=1", NOMINAL)
     with pytest.raises(ParameterError, match=r"sensors are some of .* got u_sun"):
         simulate_campaign(NOMINAL, TWO, ("u_sun",), SensorNoise(), 10)
-    with pytest.raises(ParameterError, match=r"6 mesh cycles or more, got 0"):
+    with pytest.raises(ParameterError, match=r"8 mesh cycles or more, got 0"):
         simulate_campaign(NOMINAL, TWO, SHAFTS, SensorNoise(), 0)
 
 

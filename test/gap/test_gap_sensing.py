@@ -22,7 +22,7 @@ from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies, drop_copies
+from herringbone_sim.gap.observations.copied_channels import drop_common_copies, without_computed
 from herringbone_sim.gap.observations.force_law import slope
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -79,14 +79,14 @@ def test_rates_of_a_spline_through_rotations_are_no_second_measurement() -> None
     run = rig({}, cycles=20).runs[0]
     names = run.model.layout.bodies
     run = without_channels(run, tuple(f"u_{name}" for name in names))
-    assert drop_copies(run).v.recorded.all()
+    assert without_computed(run).v.recorded.all()
     times = np.arange(len(run)) * run.step_s
     rate = CubicSpline(times, run.x.values).derivative()(times)
     copied = replace(run, v=replace(run.v, values=rate))
-    assert not drop_copies(copied).v.recorded.any()
+    assert not without_computed(copied).v.recorded.any()
     wrong = rate * np.where(np.arange(rate.shape[1]) == 4, 1.2, 1.0)
     off = replace(run, v=replace(run.v, values=wrong))
-    assert np.flatnonzero(drop_copies(off).v.recorded).tolist() == [4]
+    assert np.flatnonzero(without_computed(off).v.recorded).tolist() == [4]
 
 
 def test_held_out_runs_decide_nothing_about_channels() -> None:
@@ -124,7 +124,7 @@ def test_copies_are_the_same_in_all_runs() -> None:
     noise = np.random.default_rng(1).normal(size=runs[2].v.values.shape)
     loud = 5.0 * np.std(runs[2].v.values) * noise
     runs[2] = replace(runs[2], v=replace(runs[2].v, values=runs[2].v.values + loud))
-    assert drop_copies(runs[2]).v.recorded.all()
+    assert without_computed(runs[2]).v.recorded.all()
     for run in drop_common_copies(runs):
         assert np.flatnonzero(run.v.recorded).tolist() == [4]
     # A copy that one run lacks is one in the others; a run without rates has no say.
@@ -143,12 +143,12 @@ def test_copied_rates_of_one_kind_of_mesh_are_seen() -> None:
     rate = CubicSpline(times, run.x.values).derivative()(times)
     copied = replace(run, v=replace(run.v, values=rate))
     half = tuple(f"v_{mesh}" for mesh in layout.meshes if mesh.startswith("rp"))
-    assert not drop_copies(without_channels(copied, half)).v.recorded.any()
+    assert not without_computed(without_channels(copied, half)).v.recorded.any()
     D, B = coordinates_to_meshes(layout), bodies_to_coordinates(run.model)
     seen = CubicSpline(times, run.u.values @ (D @ B).T - run.waves.e).derivative()(times)
     of_turns = replace(run, v=replace(run.v, values=seen))
     blind = ("u_p1_L", *layout.channels_of("x"))
-    left = drop_copies(without_channels(of_turns, blind)).v.recorded
+    left = without_computed(without_channels(of_turns, blind)).v.recorded
     assert [m for m, on in zip(layout.meshes, left, strict=True) if on] == ["sp1_L", "rp1_L"]
 
 
@@ -234,7 +234,7 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
     """
     setting = Setting(noise=("encoders_two",), channels=("no_force",), truth="none")
     runs = [r for r in as_prepared(make_campaign(plan_of(setting, 4))).runs if r.role == "fit"]
-    search = Search(GearMachine(Gear([drop_copies(run) for run in runs[:3]])))
+    search = Search(GearMachine(Gear([without_computed(run) for run in runs[:3]])))
     made = amplitudes(search.base, search.null.mean, search.runs, search.rows)
     blocks = [b[balance.NAME] for b in search.machine.blocks(made, {}, (balance.NAME,))]
     bare = [
@@ -266,7 +266,7 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
         3, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
     )
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = remove_common_delay([drop_copies(run) for run in runs], ())
+    found = remove_common_delay([without_computed(run) for run in runs], ())
     late = [
         (b.delay_rad - a.delay_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
     ]
@@ -286,7 +286,9 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
     plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
     runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = remove_common_delay([drop_copies(with_estimated_noise(run)) for run in runs[:3]], ())
+    found = remove_common_delay(
+        [without_computed(with_estimated_noise(run)) for run in runs[:3]], ()
+    )
     for run in found:
         over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
         assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)

@@ -75,29 +75,33 @@ class Work(NamedTuple):
     pairs: Indices  # (t, 2) rows and columns of ``push`` that hold anything in any gear
     shifts: Indices  # (.., 2) rows and columns of ``own_shift``, likewise
     rubs: Indices  # (r,) meshes with friction, likewise
-    own: AnyWork
+    own: NonlinearWork
     value: Indices  # number of the value in each lane, -1 when idle; as the next ones (LANES,)
     place: Indices  # grid step within the cycle
     cycle: Indices  # cycles done
     steps: Indices  # grid steps a cycle
 
 
-class AnyWork(NamedTuple):
-    """Scratch of gears with powers, each times LANES."""
+class NonlinearWork(NamedTuple):
+    """Scratch for gears whose forces are nonlinear between switches (``Packed.powers``).
+
+    p, n, s and the axis of lanes as in ``Work``; the series of other gears are empty. f is the
+    deflection beyond the backlash, |f| its depth.
+    """
 
     rate: Array  # (p + 1, n + s) series of the rate of deflection
     depth: Array  # (p + 1, n) series of |f|
-    spring_power: Array  # (p + 1, n) series of its power in the law of the spring
-    damper_power: Array  # (p + 1, n) series of its power in the law of the damping
+    spring_power: Array  # (p + 1, n) series of |f| to the exponent of the spring's law
+    damper_power: Array  # (p + 1, n) series of |f| to the exponent of the damping's law
     spring: Array  # (p + 1, n) series of the spring's part of the force over k
     damper: Array  # (p + 1, n) series of the factor on c v
-    soft: Array  # (p + 1, n) series of its derivative by the deflection
-    damp: Array  # (p + 1, n) series of its derivative by the rate
+    soft: Array  # (p + 1, n) series of the derivative of the mesh force by the deflection
+    damp: Array  # (p + 1, n) series of the derivative of the mesh force by the rate
     factor: Array  # (4, n) on f and c v while the law is taken linear, and on the powers else
-    give: Array  # (p + 1, s) series of the derivative of the seats' forces
-    corner: Array  # (6 (p + 1), s) series of both corners of their play
-    other: Array  # (p + 1, n) series of a quotient
-    met: Array  # (1, n) stiffness at the end of a move
+    give: Array  # (p + 1, s) series of the derivative of the seats' forces by the deflection
+    corner: Array  # (6 (p + 1), s) series of both rounded corners of the play of seats
+    other: Array  # (p + 1, n) series of ``spring_power`` or ``damper_power`` over |f|
+    met: Array  # (1, n) stiffness k at the end of a move
 
 
 def make_work(
@@ -145,7 +149,7 @@ def make_work(
         pairs=pairs,
         shifts=shifts,
         rubs=rubs,
-        own=AnyWork(
+        own=NonlinearWork(
             rate=zeros(q, n_row),
             depth=zeros(q, n_mesh),
             spring_power=zeros(q, n_mesh),

@@ -25,7 +25,10 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add one harmonic to e, and its rate."""
+    """Take one harmonic of e off the displacement d [m] in ``law``, and its rate off d' [m/s].
+
+    ``theta``: cosine and sine amplitude of e [m]; the arguments are those of ``effects.law``.
+    """
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]

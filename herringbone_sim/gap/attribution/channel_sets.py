@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from herringbone_sim.core.mirror import has_equal_planets
-from herringbone_sim.gap.attribution.bodies import balance_measured
 from herringbone_sim.gap.attribution.hypothesis import FusedRun
 
-LEAST_COMPLETE_RUNS = 2  # with every force and rate, to tell friction and torque ripple
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
 
 
@@ -109,13 +107,7 @@ def _limits_of_partial(cases: Sequence[FusedRun]) -> list[str]:
         return []
     names = cases[0].run.model.layout.meshes
     missing = ", ".join(n for n, there in zip(names, usable, strict=True) if not there)
-    limits = [
+    return [
         f"{missing}: displacement, rate or force is missing or was left out in some run, so what "
         "sits there alone can't be told"
     ]
-    if sum(balance_measured((c,)) for c in cases) < LEAST_COMPLETE_RUNS:
-        limits.append(
-            "friction and torque ripple can't be told: they need all forces and rates in "
-            f"{LEAST_COMPLETE_RUNS} runs or more"
-        )
-    return limits

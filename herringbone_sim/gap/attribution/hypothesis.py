@@ -17,7 +17,7 @@ from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Parameter
-from herringbone_sim.effects.evaluate import Motion, answer
+from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
@@ -156,7 +156,7 @@ def _contributions(
         actives: the effects.
     """
     gear = calibrated_gear_table(one, factors)
-    found = answer(one.run.model, actives, motion, gear)
+    found = evaluate(one.run.model, actives, motion, gear)
     stiffness = k * np.repeat(factors[:2], motion.x.shape[1] // 2)
     without = stiffness * backlash(motion.x, gear[2]) + gear[1] * motion.v
     return found.force - without, found.torque

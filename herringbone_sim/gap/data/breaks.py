@@ -44,7 +44,7 @@ def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     if (phase & ~clock).any():
         findings.append(_phase_jump(name, series, phase & ~clock, remedy))
     if dropout.any():
-        findings.append(_dropout(name, series, dropout, remedy))
+        findings.append(_dropout_finding(name, series, dropout, remedy))
     return part, tuple(findings)
 
 
@@ -130,8 +130,8 @@ def _phase_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Findi
     return Finding("phase", name, ("phase",), float(series.times[at]), text)
 
 
-def _dropout(name: str, series: TimeSeries, dropout: Flags, remedy: str) -> Finding:
-    """Finding for samples in which most channels are NaN."""
+def _dropout_finding(name: str, series: TimeSeries, dropout: Flags, remedy: str) -> Finding:
+    """Finding for dropouts (n,), see ``_dropouts``; ``remedy`` ends its text."""
     at = float(series.times[int(dropout.argmax())])
     text = (
         f"most channels or the phase of {name} are no number in {int(dropout.sum())} samples, "

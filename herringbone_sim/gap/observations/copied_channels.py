@@ -41,7 +41,7 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     that was recorded in one of those runs and is no copy there has its own error, and stays.
     """
     gone: list[str] = []
-    own = [drop_copies(run) for run in runs]
+    own = [without_computed(run) for run in runs]
     layout, fit, of_fit = runs[0].model.layout, deciding(runs), deciding(own)
     for q in ("x", "v"):
         was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (fit, of_fit))
@@ -56,8 +56,12 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     )
 
 
-def drop_copies(run: PreparedRun) -> PreparedRun:
-    """Drop copied displacement and rate channels of a run."""
+def without_computed(run: PreparedRun) -> PreparedRun:
+    """Mark x and v of a run that were computed from its other channels as not recorded.
+
+    All x go together, if all u are recorded and x repeats them; v go mesh by mesh. Where most v
+    repeat x or u, the v that stay get at least the noise of a differentiated displacement.
+    """
     layout = run.model.layout
     by_mesh, by_body = (
         tuple(f"{q}_{name}" for name in names)

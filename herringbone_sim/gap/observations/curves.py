@@ -64,7 +64,8 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
                 if _member_meets(options, locus):
                     mask = locus.mask(layout)
                     made = tuple(
-                        _placed_term(builder, t, mask, unit) for t in _distinct(terms, mains, mask)
+                        _placed_term(builder, t, mask, unit)
+                        for t in _distinct_terms(terms, mains, mask)
                     )
                     yield Hypothesis(effect.id, options, locus, made, mains)
     yield from friction(builder)
@@ -74,8 +75,12 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
     yield from window_sensor_errors(builder)
 
 
-def _distinct(terms: Sequence[Term], mains: int, mask: Array) -> Iterator[Term]:
-    """The first ``mains`` terms, and further ones that act on a mask (n_mesh,) otherwise."""
+def _distinct_terms(terms: Sequence[Term], mains: int, mask: Array) -> Iterator[Term]:
+    """Leave out terms that add nothing on the meshes of a mask (n_mesh,).
+
+    The first ``mains`` always stay; a further term stays if it acts on these meshes, and not in
+    the same way as a term before it.
+    """
     before: list[dict[Any, bytes]] = []
     for i, term in enumerate(terms):
         on = {f: np.asarray(w) * mask + 0.0 for f, w in term.weights.items()}
@@ -150,8 +155,11 @@ def _waves(
     return make
 
 
-def _phase_terms(gear: Gear) -> Iterator[Variant]:
-    """Phase advance of k(t) and e(t) [rad]; ring meshes may advance differently."""
+def _phase(gear: Gear) -> Iterator[Variant]:
+    """Yield one variant: k(t) and e(t) advance by an angle [rad].
+
+    Departure: a further angle of the ring meshes.
+    """
     ring = is_ring(gear.model.layout)
     of_ring = Term("ring", {"advance k": ring, "advance e": ring}, DEPARTURE_SHARE)
     yield (), 0.1, [Term("phase", {"advance k": 1.0, "advance e": 1.0}, 1.0), of_ring], 1
@@ -219,7 +227,10 @@ def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Decrease of the stiffness per kelvin, with curvature; also by mesh."""
+    """Yield one variant: k falls by a share of itself per kelvin [1/K].
+
+    Departures: curvature over delta_T, and a further fall of the ring meshes.
+    """
     T, bend = _temperatures(gear)
     of = {"curvature": bend, "ring": T * is_ring(gear.model.layout)}
     departures = [Term(name, {"kappa": -w}, DEPARTURE_SHARE) for name, w in of.items()]
@@ -251,8 +262,8 @@ TERM_BUILDERS = {
     "mean_stiffness": _mean_stiffness,
     "stiffness_harmonic": _waves("k", 0.05, 1, 1.0),
     "profile_error": _waves("e", 3e-6, 2, -1.0),
-    "stagger": _phase_terms,
-    "planet_phase": _phase_terms,
+    "stagger": _phase,
+    "planet_phase": _phase,
     "runout": _runout,
     "pin_position": _pin,
     "backlash_offset": _backlash,

@@ -210,7 +210,7 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
             )
             top = int(np.argmax(fall))
             middle = (top - wide + 1 + 0.5 * wide) / BINS_PER_CYCLE % cycles
-            event = Event(kind, locus, member, float(middle), tuple(late.tolist()))
+            event = Event(kind, locus, member, cycles, float(middle), tuple(late.tolist()))
             ranked.append((float(fall[top]), event))
     ranked.sort(key=lambda c: -c[0])
     return ranked[:6]
@@ -256,6 +256,7 @@ class Event:
     Attributes:
         effect, locus: as in the catalogue.
         member: member with the tooth: sun, planet or ring.
+        turn: mesh cycles per revolution of the member relative to the carrier.
         middle: phase of the middle of its contact [mesh cycles].
         late: (n_mesh,) delay of the contact at each mesh [mesh cycles].
     """
@@ -263,6 +264,7 @@ class Event:
     effect: str
     locus: Locus
     member: str
+    turn: float
     middle: float
     late: tuple[float, ...]
 

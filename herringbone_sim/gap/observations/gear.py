@@ -292,13 +292,18 @@ class Gear(RecordedGear):
         one = self.trajectory_under(r, amplitudes)
         return one.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
 
-    def energy_near(
+    def cost_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
     ) -> float:
-        """Energy of the windows of run r after ``rounds`` steps under a change.
+        """Cost of the windows of run r, states refitted under a change; inf where they diverge.
 
         Args:
-            near: states to start from.
+            near: start states and trends to refit from.
+            amplitudes: the change.
+            rounds: largest number of Levenberg-Marquardt steps.
+
+        Returns:
+            ``WindowSolution.cost``: squares of residuals over their noise, and of jumps.
         """
         one = self.trajectory_under(r, amplitudes)
         return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.fits import FittedExplanation
+from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
@@ -44,7 +44,6 @@ from herringbone_sim.gap.observations.window_channels import WindowChannels, win
 from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
 from herringbone_sim.gap.observations.windows import Windows
 
-HALF_90 = float(norm.ppf(0.95))  # half-width of a 90 % interval, in standard deviations
 # Prior of the start of the first window over the RMS of the motion, as in the filter of
 # ``window_starts``.
 FIRST_SD = 1.0

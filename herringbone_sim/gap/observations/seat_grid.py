@@ -85,7 +85,7 @@ def best_seats(trial: PartTrial) -> list[Seat]:
         inside = best.locus.mask(layout) > 0.0
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = trial.best([replace(best, locus=p) for p in parts])
-        found.append(trial.with_load(best))
+        found.append(trial.evaluated(best))
     first = max(found, key=lambda seat: seat.measured_gain)
     return [trial.refined(seat) if seat is first else seat for seat in found]
 
@@ -185,8 +185,13 @@ class PartTrial:
         """The part that removes most."""
         return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
-    def with_load(self, seat: Seat) -> Seat:
-        """Copy with its largest load, and the energy that it removes scaled up to all runs."""
+    def evaluated(self, seat: Seat) -> Seat:
+        """Copy with ``load``, ``measured_gain`` and ``base_mean`` as found in this trial.
+
+        ``load`` is the largest over the runs looked at. ``measured_gain`` is the fall of the sum
+        of squares of the whitened residuals (with the prior) as all other coefficients are
+        refitted, scaled from the runs looked at to all; ``base_mean`` are those coefficients.
+        """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._gain_and_refit(seat)
@@ -205,7 +210,7 @@ class PartTrial:
                 "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
             },
         )
-        return self.with_load(seat.with_log_offsets(found.x))
+        return self.evaluated(seat.with_log_offsets(found.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
         """Drive of the place of a part in a run, computed once."""

@@ -51,7 +51,7 @@ class Seat:
             clearance [m], growth of the stiffness at the deflection by ``load``, drag at its rate,
             softness over the clearance.
         load: largest force on it if it were rigid [N].
-        measured_gain: energy that it removes.
+        measured_gain: sum of squares of the whitened residuals that it removes.
         base_mean: values of all other coefficients at ``measured_gain``.
     """
 

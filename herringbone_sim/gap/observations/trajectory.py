@@ -184,7 +184,10 @@ class Trajectory(ForcedWindows):
         on_carrier: Sequence[Function],
         rounds: int,
     ) -> float:
-        """Energy under a change after ``rounds`` steps from the states ``near``; thread-safe."""
+        """Cost under a change after ``rounds`` steps of the fit from the states ``near``.
+
+        Thread-safe; inf where the states diverge.
+        """
         own = copy.copy(self)
         forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
         forcing = forcing_at(near)

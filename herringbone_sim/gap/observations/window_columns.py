@@ -145,7 +145,8 @@ def window_columns(
     if at:
         size = np.stack(sizes)[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
         response = responses(s, solution, np.stack(directions), size, np.stack(on_meshes))
-        np.add.at(found.T, np.array(at), response.T)
+        for i, column in zip(at, response.T, strict=True):
+            found[:, i] += column
     c, u = s.channels, solution.states_of_all[:, : STATES // 2]
     exact = u @ c.of_u.T + now.force @ c.of_F.T + (total * inverse) @ c.of_a.T
     for name, value in error_columns(s, solution, exact, place).items():

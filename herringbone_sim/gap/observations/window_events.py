@@ -53,8 +53,12 @@ class Contacts:
         """Response (n_mesh, bins, rows) summed over revolutions of ``bins`` times."""
         of = self.response[kind]
         found = np.zeros((len(of), bins, of.shape[2]))
-        for i in range(of.shape[1]):
-            found[:, (self.first_time + i) % bins] += of[:, i]
+        done, times = 0, of.shape[1]
+        while done < times:
+            at = (self.first_time + done) % bins
+            more = min(bins - at, times - done)
+            found[:, at : at + more] += of[:, done : done + more]
+            done += more
         return found
 
 
@@ -166,5 +170,5 @@ def _best_events(
         top = int(np.argmax(fall[i]))
         yield (
             float(fall[i, top]),
-            Event(kind, locus, member, top / MIDDLES_PER_CYCLE, tuple(late.tolist())),
+            Event(kind, locus, member, cycles, top / MIDDLES_PER_CYCLE, tuple(late.tolist())),
         )

@@ -80,7 +80,7 @@ def nonlinear_trials(
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
         if _is_swap(one):
             return float(np.fmin(gear.states(r, of_trial).cost / near[r].cost, 1.0))
-        return float(np.fmin(gear.energy_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
+        return float(np.fmin(gear.cost_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
 
     used = list(zip(far, ROUNDS_BY_RUN, strict=False))
     share = np.ones(len(trials))

@@ -198,7 +198,7 @@ def steps_of_run(states: Array) -> Array:
 
 
 def window_samples(run: PreparedRun) -> int:
-    """Samples per window."""
+    """Samples per window of a run: ``WINDOW_RAD`` / omega_n at its sample rate, at least 3."""
     return max(3, round(WINDOW_RAD / (run.model.scales.omega_n * run.step_s)))
 
 

@@ -27,6 +27,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.diagnose import STRIDE
 from herringbone_sim.gap.named import moderate_size
 from herringbone_sim.gap.observations.events import EVENT_KINDS, Event, mesh_delays
+from herringbone_sim.gap.observations.force_law import cycles_per_member_turn
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
@@ -166,6 +167,7 @@ def _teeth(gear: Gear) -> list[Event]:
     """Crack and spall of a tooth of each member, at one mesh."""
     layout = gear.model.layout
     events, middle = [], MIDDLE
+    turns = cycles_per_member_turn(gear.model)
     if gear.uses_windows:
         s = gear.trajectories[0].recorded
         middle = float(s.phase[s.first_half_step[s.n_windows // 2]] / (2.0 * np.pi))
@@ -177,7 +179,8 @@ def _teeth(gear: Gear) -> list[Event]:
                 if p.mesh == mesh and p.planet != "all" and p.side != "all"
             ]
             _, late = next(iter(mesh_delays(gear, member)))
-            events += [Event(kind, p, member, middle, tuple(late.tolist())) for p in places[:1]]
+            at = turns[member], middle, tuple(late.tolist())
+            events += [Event(kind, p, member, *at) for p in places[:1]]
     return events
 
 

@@ -13,8 +13,8 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import QUANTITIES, Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.diagnosis.examine import BLOCK_CYCLES
 from herringbone_sim.errors import ParameterError, listed
+from herringbone_sim.gap.checks import FEWEST_CYCLES
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
 from herringbone_sim.gap.data.waves import waves
@@ -23,7 +23,6 @@ from herringbone_sim.gap.observations.window_channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import base_radius
 
-LEAST_CYCLES = round(BLOCK_CYCLES)  # shortest run in mesh cycles: a block of the diagnosis
 TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
 
 
@@ -89,10 +88,10 @@ def simulate_campaign(
         DivergenceError: the motion diverges.
     """
     check_sensors(nominal.layout, sensors)
-    if cycles < LEAST_CYCLES:
+    if cycles < FEWEST_CYCLES:
         raise ParameterError(
-            f"a run has {LEAST_CYCLES} mesh cycles or more, got {cycles}: record at least "
-            "one block of the diagnosis"
+            f"a run has {FEWEST_CYCLES:g} mesh cycles or more, got {cycles}: a diagnosis leaves "
+            "out shorter ones"
         )
     rng = np.random.default_rng(0)
     runs = tuple(

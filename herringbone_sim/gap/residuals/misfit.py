@@ -168,11 +168,11 @@ def runs_with_other_force_law(
 
 
 def nominal_mismatch(common: float, shares: Sequence[Array]) -> Finding | None:
-    """A finding if the nominal file doesn't describe the rig.
+    """A finding, fatal for the campaign, if the nominal file doesn't describe the rig.
 
     Args:
-        common: mesh frequency over the nominal one.
-        shares: ``unexplained_force_shares`` of each run with forces.
+        common: mesh frequency of most runs over the nominal one.
+        shares: ``unexplained_force_shares`` of each run with forces, (n_mesh,) each.
     """
     text = ""
     if abs(common - 1.0) > SPEED_TOLERANCE:

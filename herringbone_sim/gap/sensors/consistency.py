@@ -34,11 +34,14 @@ KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 def consistency_chi2(
     runs: Sequence[PreparedRun], noise_of: Sequence[PreparedRun] | None = None
 ) -> float:
-    """Mean square of all residuals of the sensors over their noise: 1 where the sensors agree.
+    """Chi2 per degree of freedom of the relations between x, v and u: 1 where they agree.
+
+    0 where the motion sensors measure nothing twice.
 
     Args:
-        runs: some runs.
-        noise_of: runs whose noise they are whitened by; None: the runs themselves.
+        runs: whose sensors are compared.
+        noise_of: a run for each, by whose noise the increments are whitened, see ``relations``;
+            all else is over the noise of ``runs``. None: ``runs``.
     """
     energy = count = 0.0
     for run, other in zip(runs, noise_of or runs, strict=True):
@@ -147,7 +150,7 @@ def relations(
         moved[:, n : 2 * n] = increments(flat, h).reshape(moved.shape)[:, n : 2 * n]
         noise = np.full(signals.shape[1], 2.0)
         noise[n : 2 * n] = of_rate
-        columns = white @ _sensitivity(run)[known]
+        columns = white @ _channel_derivatives(run)[known]
         result.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
     return [one for one in result if one.columns.size]
 
@@ -180,8 +183,14 @@ def increment_whitening(run: PreparedRun) -> Array:
     return kept
 
 
-def _sensitivity(run: PreparedRun) -> Array:
-    """Derivative (m, J) of z with respect to x and u, and of -dz/dt with respect to v."""
+def _channel_derivatives(run: PreparedRun) -> Array:
+    """Derivatives of the m coordinates z and of minus their rates with respect to J channels.
+
+    Returns:
+        (m, J): dz/dx and dz/du in the columns of x and u, -d(dz/dt)/dv in those of v (channels in
+        the order x, v, u); 0 for a channel that is not recorded, NaN in the row of a coordinate
+        whose value or rate the channels don't determine.
+    """
     without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.recorded.size)),) * 4))
     n, nu = run.x.recorded.size, run.u.recorded.size
     place = np.eye(2 * n + nu)

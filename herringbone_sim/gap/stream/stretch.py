@@ -69,8 +69,8 @@ class Residual:
         return float(np.sqrt(sums.sum() / (self.count * len(self.places))))
 
     @property
-    def rms_of_place(self) -> Array:
-        """RMS (k,) of the recalibrated residual."""
+    def rms_by_place(self) -> Array:
+        """RMS (k,) of the residual after recalibration, [N] or [m/s^2] as of ``metric``."""
         return np.asarray(np.sqrt(self.recalibrated / self.count), dtype=np.float64)
 
     def shares_by(self, factor: str) -> dict[str, float]:

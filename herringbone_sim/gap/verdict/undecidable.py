@@ -8,10 +8,11 @@ from herringbone_sim.gap.attribution.channel_sets import undecidable_by_channels
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.gap.verdict.decide import CLASS_PROBABILITY, Verdict
 from herringbone_sim.gap.verdict.words import effect_names, in_words
 
-POSSIBLE = 0.1  # least probability of an effect that is listed as not excluded
+# Least probability of an effect that is listed as not excluded: what a class leaves out.
+POSSIBLE = 1.0 - CLASS_PROBABILITY
 OTHER = {
     "none": "that there is no gap beyond tolerance and noise",
     "unknown": "a cause outside the catalogue",

@@ -150,7 +150,11 @@ def half_statistics(
 def mean_distances(
     one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
 ) -> dict[str, float]:
-    """Distances of two motions, mean over all pairs of halves of one and the other."""
+    """Distances of two motions in each statistic, see ``UNITS``: mean over all pairs of halves.
+
+    Args:
+        one, other: statistics of the first and the second half of each motion.
+    """
     found = [distances(a, b) for a in one for b in other]
     return {name: float(np.mean([d[name] for d in found])) for name in UNITS}
 

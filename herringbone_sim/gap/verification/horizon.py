@@ -168,7 +168,15 @@ def _predict(
     horizon: Horizon,
     own: Array,
 ) -> Array:
-    """Simulated coordinates (s, samples, n_coordinate) [m] after each start, without the start."""
+    """Simulate from each start; coordinates (s, samples, n_coordinate) [m] after, not at, it.
+
+    Args:
+        run: gives the mesh phase at the starts.
+        z, z_rate: (n, n_coordinate) measured motion [m], [m/s], from which the starts are taken.
+        simulator: of the model.
+        horizon: indices of the starts, and length.
+        own: (s, n_own) states of effects at the starts.
+    """
     at = horizon.starts
     found = simulator.run(
         z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, own

@@ -76,7 +76,14 @@ class FileSpec:
 
 @dataclass(frozen=True)
 class RunSpec:
-    """A run: name of its folder, role, operating point [SI] and files."""
+    """A run to import.
+
+    Attributes:
+        name: of the folder that is written.
+        role: ``fit`` or ``held_out``.
+        point: operating point delta_T [K], K, T_1 [N m], Omega.
+        files: to read it from.
+    """
 
     name: str
     role: str

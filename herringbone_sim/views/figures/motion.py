@@ -65,7 +65,7 @@ def draw_time_course(
 ) -> None:
     """Displacement over the last 24 cycles, or over three periods if these are longer."""
     cycles = max(SHOWN_CYCLES, 3 * (result.period.value or 0))
-    times, x, _ = _smooth(result.motion, mesh, cycles)
+    times, x, _ = _interpolated(result.motion, mesh, cycles)
     axes.plot((times - times[0]) / scale.time, x / scale.x, color=BLUE)
     _band(axes.axhspan, half_backlash_m, scale)
     axes.set(title="time course", xlabel=scale.time_label, ylabel=scale.x_label(mesh))
@@ -77,7 +77,7 @@ def draw_phase_portrait(
 ) -> None:
     """Rate over displacement; grey where the flanks are apart."""
     cycles = 2 * result.period.value if result.period.value else PORTRAIT_CYCLES
-    _, x, v = _smooth(result.motion, mesh, cycles)
+    _, x, v = _interpolated(result.motion, mesh, cycles)
     width = 1.2 if result.period.value else 0.35
     line = axes.plot(x / scale.x, v / scale.v, color=BLUE, linewidth=width)[0]
     line.set_rasterized(len(x) > DENSE)
@@ -193,8 +193,12 @@ def representatives(results: Sequence[SegmentResult]) -> list[SegmentResult]:
     return sorted(chosen, key=lambda r: r.number)
 
 
-def _smooth(motion: Motion, mesh: str, cycles: int) -> tuple[Array, Array, Array]:
-    """Times, x and v of one mesh over the last cycles, cubic between samples."""
+def _interpolated(motion: Motion, mesh: str, cycles: int) -> tuple[Array, Array, Array]:
+    """Times [s], x [m] and v [m/s] of a mesh over the last ``cycles`` mesh cycles, to draw.
+
+    ``PER_CYCLE`` points a cycle from the cubic that passes through x and v of the samples; the
+    samples themselves where there are more than half as many.
+    """
     column = motion.meshes.index(mesh)
     rows = min(len(motion), int(cycles * motion.samples_per_cycle) + 1)
     times, x, v = motion.times[-rows:], motion.x[-rows:, column], motion.v[-rows:, column]

@@ -27,19 +27,20 @@ MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # others: a diamond
 
 def realisation_figure(
     single: Sequence[Actuator],
-    other: Sequence[Actuator],
+    substitutes: Sequence[Actuator],
     demands: Sequence[TorqueDemand],
     T_1: float,
 ) -> Figure:
-    """Action of each torque on the meshes, and the torque that is needed, beside the rated one.
+    """Left: share of K on each mesh by each actuator. Right: its least torque, and the rated T_1.
 
     Args:
-        single: bodies driven alone.
-        other: torques with the action of that on the carrier.
-        demands: of the single ones.
-        T_1: rated torque of the sun [N m].
+        single: actuators of like bodies: carrier, sun, planets, or one side of these.
+        substitutes: other actuators with the carrier's shares of K; their torque is scaled from
+            its demands.
+        demands: of ``single``, for P1 and P2 from all starts.
+        T_1: input torque, on the sun [N m].
     """
-    ways = [*single, *other]
+    ways = [*single, *substitutes]
     with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 3.7))
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 2.3))

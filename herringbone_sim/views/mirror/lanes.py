@@ -19,12 +19,14 @@ COLUMNS, ROWS = 300, 84
 GAP_CLASS = len(STATES)
 
 
-class Lanes:
-    """Image with a lane per mesh over time, dark while its teeth are apart.
+class ContactLanes:
+    """Image of the contact states over time, a lane per mesh.
+
+    Contact on the drive and on the back flank has a colour each; dark: the teeth are apart.
 
     Args:
         recording: a ``rerun.RecordingStream``.
-        colours: mesh -> colour of its name, in the order of the lanes.
+        colours: mesh -> colour in which its name is written; the lanes are in this order.
     """
 
     def __init__(self, recording: Any, colours: Mapping[str, Colour]) -> None:

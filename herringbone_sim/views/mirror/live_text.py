@@ -135,7 +135,7 @@ def _rows(picture: ComparisonResult, residual: Residual) -> list[str]:
     rows = [title + _motion_title(picture)]
     top = max(float(residual.shares.max()), 1e-300)
     columns = zip(
-        residual.places, residual.shares, residual.chi, residual.rms_of_place, strict=True
+        residual.places, residual.shares, residual.chi, residual.rms_by_place, strict=True
     )
     for place, share, chi, rms in columns:
         text = f"{place:6s} {bar(share / top)} {share:6.1%} {chi:7.2f} {f'{rms:.4g} {unit}':>14s}"

@@ -81,7 +81,15 @@ class Sink:
                 raise ViewerError(f"the viewer at {self.address} has gone")
 
     def close(self, timeout_s: float) -> None:
-        """Flush and disconnect; RuntimeError of Rerun if the rest can't be delivered."""
+        """Send what is left, disconnect, and end the server if one was started.
+
+        Args:
+            timeout_s: longest wait [s] for the data, then again for the server, which is then
+                killed.
+
+        Raises:
+            RuntimeError: from Rerun, if what is left can't be sent; all is closed nevertheless.
+        """
         try:
             self.recording.flush(timeout_sec=timeout_s)
         finally:

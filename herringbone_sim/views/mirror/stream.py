@@ -14,7 +14,7 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
 from herringbone_sim.views.mirror.blueprint import AvailableViews, Plane, blueprint
-from herringbone_sim.views.mirror.lanes import Lanes
+from herringbone_sim.views.mirror.lanes import ContactLanes
 from herringbone_sim.views.mirror.palette import BORDER, mesh_colours
 from herringbone_sim.views.mirror.planes import Planes
 from herringbone_sim.views.mirror.status import status_text
@@ -65,7 +65,7 @@ class RerunStream:
         self.mesh = drawing.mesh
         self._colours = mesh_colours(self.layout)
         self._planes: Planes | None = None
-        self._lanes: Lanes | None = None
+        self._lanes: ContactLanes | None = None
         self._available: AvailableViews | None = None
         self._recent: Array = np.empty((0, 0))
         self._last = -np.inf
@@ -145,9 +145,11 @@ class RerunStream:
             titles["contact"] = ("Contact state over the window above", *self._lanes.size)
         return titles
 
-    def _open_lanes(self, block: MirrorBlock) -> Lanes | None:
+    def _open_lanes(self, block: MirrorBlock) -> ContactLanes | None:
         meshes = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]
-        return Lanes(self.recording, {m: self._colours[m] for m in meshes}) if meshes else None
+        return (
+            ContactLanes(self.recording, {m: self._colours[m] for m in meshes}) if meshes else None
+        )
 
     def _send_styles(self, block: MirrorBlock) -> None:
         for path, prefix, _ in COURSES:

@@ -36,7 +36,7 @@ def segment_columns(results: Sequence[SegmentResult]) -> list[str]:
 
 
 def segment_row(result: SegmentResult) -> list[Cell]:
-    """One row of ``segments.csv``."""
+    """One row of ``segments.csv``, in the order of ``segment_columns``."""
     off = result.off_lines if len(result.off_lines) else np.full(len(result.contact), np.nan)
     return [
         *(result.number, *result.span_s, result.segment.cycles, result.dropped_cycles),
