@@ -136,7 +136,9 @@ def model_error(sizes: Array) -> float:
 def _misses(sizes: Array, relative: float) -> Array:
     """Errors (n,) divided by half of the 90 % interval."""
     error, sd, size = sizes.T
-    return np.asarray(np.abs(error) / (judge.HALF_90 * np.hypot(sd, relative * size) + 1e-300))
+    half = judge.HALF_90 * np.hypot(sd, relative * size)
+    miss = np.full(len(half), np.inf)
+    return np.asarray(np.divide(np.abs(error), half, out=miss, where=half > 0.0))
 
 
 def by_stratum(

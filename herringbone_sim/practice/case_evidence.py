@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.diagnosis.evidence import Evidence
+from herringbone_sim.diagnosis.judge import relative_error
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.outcome import size_errors
 from herringbone_sim.practice.stored import stored_evidence
@@ -58,7 +59,7 @@ def bench_evidence(folder: Path) -> list[CaseEvidence]:
 def case_evidence(
     label: Mapping[str, Any], report: Mapping[str, Any], evidence: Evidence
 ) -> CaseEvidence:
-    """Evidence of a campaign from its label, its report and its stored numbers."""
+    """Evidence of a campaign diagnosed with the weights in force, from its label and report."""
     truth = tuple(sorted(label["truth"]))
     noise = label.get("noise", {})
     kind = noise.get("kind", "white") if isinstance(noise, dict) else str(noise)
@@ -69,7 +70,7 @@ def case_evidence(
         float(label["d_requested"]),
     )
     truth = () if truth == ("none",) else truth
-    sizes = tuple(size_errors(label, report))
+    sizes = tuple(size_errors(label, report, relative_error()))
     return CaseEvidence(int(label["seed"]), truth, stratum, evidence, sizes)
 
 

@@ -278,11 +278,16 @@ def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
     return tuple(held)
 
 
-def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
+def size_errors(
+    label: Json, report: Json, relative_error: float
+) -> list[tuple[float, float, float]]:
     """Errors of the reported size of each true effect, to fit the model error of intervals.
 
     Of each true effect the most probable reported cause counts if its locus is right, whether or
     not the verdict names it.
+
+    Args:
+        relative_error: model error that the intervals contain, over the size: it is taken out.
 
     Returns:
         For each parameter in ``SIZES`` that has a ``ci90``: estimate minus true value, standard
@@ -304,8 +309,9 @@ def size_errors(label: Json, report: Json) -> list[tuple[float, float, float]]:
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval, estimate = entry.get("ci90"), entry.get("value")
             if interval is not None and all(map(_number, (*interval, estimate))):
-                sd = 0.5 * (interval[1] - interval[0]) / HALF_90
-                found.append((float(estimate - value), float(sd), size))
+                whole = 0.5 * (interval[1] - interval[0]) / HALF_90
+                variance = whole**2 - (relative_error * size) ** 2
+                found.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
     return found
 
 

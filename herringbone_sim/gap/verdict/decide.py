@@ -13,7 +13,6 @@ from herringbone_sim.gap.named import NamedEffect
 
 MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
 HALF = 0.5  # probability above which an effect is rather there than not
-SAME_CHI2 = 4.0  # difference of chi2 below which two explanations fit equally well: 2 sigma
 CLASS_PROBABILITY = 0.9  # least probability of an ambiguous class, among all effects
 
 
@@ -104,7 +103,6 @@ def decide(
     effects = () if top in ("none", "unknown") else tuple(dict.fromkeys((top, *named)))[:2]
     certain = top in ("none", "unknown") or present[top] > HALF
     alike = () if certain else _ambiguous_class(probabilities)
-    alike = alike or _equal_fits(chances, first)
     runner = next(
         (
             explanations[i]
@@ -140,26 +138,6 @@ def _first_whole(chances: Sequence[Chance], top: str) -> int:
         and chances[i].candidate is likeliest.candidate
     ]
     return next(iter((*same, *whole)), 0)
-
-
-def _equal_fits(chances: Sequence[Chance], first: int) -> tuple[str, ...]:
-    """Single effects that fit as well as the first one, to two standard deviations.
-
-    Effects with more coefficients don't count: they may contain the first one.
-    """
-    best = chances[first].candidate
-    if best is None or len(best.effects) != 1:
-        return ()
-    alike = [
-        c.effects[0]
-        for c in chances
-        if c.candidate is not None
-        and len(c.effects) == 1
-        and c.candidate.size <= best.size
-        and abs(c.candidate.loss - best.loss) < SAME_CHI2
-    ]
-    found = tuple(dict.fromkeys((*best.effects, *alike)))[:MOST_NAMED]
-    return found if len(found) > 1 else ()
 
 
 def _ambiguous_class(probabilities: Mapping[str, float]) -> tuple[str, ...]:
