@@ -3,7 +3,7 @@ its transient is discarded. The analysis gives
 
   period             P1, P2, ... in mesh cycles, or aperiodic
   largest exponent   of the data with a 90 % interval, and of the model for the same parameters;
-                     limits 0 the motion is chaotic
+                     above 0 the motion is chaotic
   spectrum           with the lines h / n of the mesh frequency
   Poincare section   one point per mesh cycle
   contact            share of time in drive contact, apart, in back contact
@@ -29,15 +29,7 @@ from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options as Settings
 from herringbone_sim.analysis.pipeline import SegmentResult, analyze_series
-from herringbone_sim.cli.options import (
-    Count,
-    Cycles,
-    File,
-    Mesh,
-    Out,
-    flattened,
-    limits,
-)
+from herringbone_sim.cli.options import Count, Cycles, File, Mesh, Out, flattened, limits
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
@@ -85,7 +77,6 @@ class Options:
     mesh: Mesh = None
     transient: Annotated[
         Cycles | None,
-        limits(gte=0),
         "mesh cycles to discard after each change (default: measured, given in the report)",
     ] = None
     noise: Annotated[
@@ -94,7 +85,7 @@ class Options:
         limits(gte=0.0, lt=1.0),
         "measurement noise as a share of each channel's RMS, as 0.01 (default: estimated)",
     ] = None
-    max_period: Annotated[Count, limits(gte=0), "largest period looked for, in mesh cycles"] = 16
+    max_period: Annotated[Count, "largest period looked for, in mesh cycles"] = 16
     parameters: Annotated[
         File | None, "parameter file of the gear, for runs that do not hold its parameters"
     ] = None

@@ -116,50 +116,44 @@ def help_of(verb: str) -> str:
     """Text of ``VERB --help``: usage, description, options with defaults, example."""
     module = _module(verb)
     known = [a for a in _app(module).assemble_argument_collection() if a.show]
-    needed = [_label(argument) for argument in known if argument.required]
-    usage = " ".join([f"usage: {PROGRAM} {verb} [options]", *needed])
+    usage = [f"usage: {PROGRAM} {verb} [options]", *(_label(a) for a in known if a.required)]
     groups: dict[str, list[str]] = {}
     for argument in known:
         group: Any = argument.parameter.group
-        title = group[0].name.replace("Parameters", "options").lower()
-        groups.setdefault(title, []).append(_entry(argument))
-    groups["options"] = [*groups.pop("options", ()), _columns("-h, --help", "show this help")]
+        groups.setdefault(group[0].name.lower(), []).append(_entry(argument))
+    own = groups.pop("parameters", [])
+    groups["options"] = [*own, _columns("-h, --help", "show this help")]
     paragraphs = (module.__doc__ or "").strip().split("\n\n")
-    title = f"example{' (Ctrl-C ends run)' if f'{PROGRAM} run ' in module.EXAMPLES else ''}:"
+    example = f"example{' (Ctrl-C ends run)' if f'{PROGRAM} run ' in module.EXAMPLES else ''}:"
     parts = [
-        fill(usage, WIDTH, subsequent_indent="  "),
+        fill(" ".join(usage), WIDTH, subsequent_indent="  "),
         *(text if "\n  " in f"\n{text}" else fill(text, WIDTH) for text in paragraphs),
         *("\n".join([f"{title}:", *lines]) for title, lines in groups.items()),
-        f"{title}\n{indent(module.EXAMPLES, '  ')}",
+        f"{example}\n{indent(module.EXAMPLES, '  ')}",
     ]
     return "\n\n".join(parts).rstrip()
 
 
 def _entry(argument: Argument) -> str:
     """Lines of the help on an argument: names, value, text and default."""
-    default = argument.field_info.default
+    default, (*_, text) = argument.field_info.default, _notes(argument, str)
     values = default if isinstance(default, tuple) else (default,)
     shown = ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
-    *_, text = _notes(argument, str)
     hidden = argument.required or default is None or isinstance(default, bool) or not shown
     return _columns(_label(argument), text if hidden else f"{text} [{shown}]")
 
 
 def _columns(label: str, text: str) -> str:
-    head = f"  {label} "
-    margin = " " * COLUMN
-    lines = fill(text, WIDTH, initial_indent=margin, subsequent_indent=margin)
-    return f"{head}\n{lines}" if len(head) > COLUMN else head + lines[len(head) :]
+    return fill(f"  {label:{COLUMN - 4}}  {text}", WIDTH, subsequent_indent=" " * COLUMN)
 
 
 def _label(argument: Argument) -> str:
     """Names and value of an argument, as in ``--out DIR``."""
-    *_, value, _ = ("", *_notes(argument, str))
+    names = () if argument.index is not None else (", ".join(argument.names),)
     if choices := argument.get_choices():
-        value = f"{{{','.join(choices)}}}"
-    if argument.index is not None:
-        return value
-    return f"{', '.join(argument.names)}{'' if argument.hint is bool else f' {value}'}"
+        return " ".join([*names, f"{{{','.join(choices)}}}"])
+    *_, value, _ = ("", *_notes(argument, str))
+    return " ".join([*names, *([] if argument.hint is bool else [value])])
 
 
 def _notes(argument: Argument, kind: type[T]) -> list[T]:

@@ -16,15 +16,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from herringbone_sim.cli.options import Count, Mesh, Out, flattened, limits
+from herringbone_sim.cli.options import Count, Mesh, Out, flattened
 from herringbone_sim.cli.parameter_options import Changes, print_gear_notes, settings
 from herringbone_sim.cli.sweep import WAYS
-from herringbone_sim.cli.sweep_options import (
-    SweepOptions,
-    chunk_from,
-    observation_from,
-    run_all,
-)
+from herringbone_sim.cli.sweep_options import SweepOptions, chunk_from, observation_from, run_all
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
@@ -75,7 +70,7 @@ class Options:
     start: Annotated[Literal["fixed", "up", "down", "both", "held"], "how to get to a value"] = (
         "held"
     )
-    starts: Annotated[Count, limits(gte=0), "random initial states at each value"] = 3
+    starts: Annotated[Count, "random initial states at each value"] = 3
     mesh: Mesh = None
     out: Out
 

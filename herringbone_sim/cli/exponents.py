@@ -3,7 +3,7 @@
   tangent flow      the whole Lyapunov spectrum, with its convergence; its sum is checked
   two trajectories  the largest exponent, over the distance of the two
   left and right    largest exponents of perturbations that keep left and right alike, and of those
-                    that part them: limits 0 a symmetric motion does not last in a real gear
+                    that part them: above 0 a symmetric motion does not last in a real gear
   recorded series   the largest exponent from the section alone, as from a recording
   0-1 test          near 0 for regular motion, near 1 for chaos; needs no phase space
 

@@ -84,7 +84,8 @@ def run(*, options: Options) -> int:
     nominal = load_parameters(options.nominal).changed(
         {"model": "full", "samples_per_cycle": options.samples}
     )
-    sensors, also = options.sensors, options.also
+    sensors = tuple(dict.fromkeys(options.sensors))
+    also = [name for name in dict.fromkeys(options.also) if name not in sensors]
     check_sensors(nominal.layout, [*sensors, *also])
     points = [point_of(text, nominal) for text in options.points] or default_points()
     noise = noise_of(options.noise)
@@ -94,7 +95,6 @@ def run(*, options: Options) -> int:
         further = {
             name: plan(nominal, points, (*sensors, name), noise, options.cycles, step)
             for name in also
-            if name not in sensors
         }
     print(table(base))
     if further:

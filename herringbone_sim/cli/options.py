@@ -52,8 +52,8 @@ def _whole(_: Any, tokens: Sequence[Token]) -> int:
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """Names of a comma-separated list, without repetitions."""
-    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    """Names of a comma-separated list."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _names(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
@@ -69,8 +69,8 @@ def _numbers(_: Any, tokens: Sequence[Token]) -> tuple[float, ...]:
 
 File = Annotated[Path, "FILE"]
 Folder = Annotated[Path, "DIR"]
-Count = Annotated[int, "N", Parameter(converter=_whole)]
-Cycles = Annotated[int, "CYCLES", Parameter(converter=_whole)]
+Count = Annotated[int, "N", Parameter(converter=_whole, validator=Number(gte=0))]
+Cycles = Annotated[Count, "CYCLES"]
 Low = Annotated[float, "LOW", Parameter(name="--from")]
 High = Annotated[float, "HIGH", Parameter(name="--to")]
 Names = Annotated[tuple[str, ...], "NAMES", Parameter(converter=_names, n_tokens=1)]
@@ -80,14 +80,10 @@ Out = Annotated[Folder, "folder to write to; made if new"]
 Run = Annotated[Path, "RUN", "run folder, as runs/my_run, or a .mcap file"]
 Mesh = Annotated[str | None, "NAME", "mesh that the figures show, as sp_L (default: the first)"]
 Workers = Annotated[Count, limits(gte=1), "threads"]
-Scheduler = Annotated[
-    str | None, "ADDRESS", "run on this Dask cluster instead, as tcp://HOST:8786"
-]
-Seeds = Annotated[
-    str | None, "A:B", "one campaign per seed: ranges that exclude their end, or lists"
-]
+Scheduler = Annotated[str | None, "ADDRESS", "run on this Dask cluster, as tcp://HOST:8786"]
+Seeds = Annotated[str | None, "A:B", "a campaign per seed: ranges without their end, or lists"]
 Starts = Annotated[Count, limits(gte=1), "random initial states"]
-Discarded = Annotated[Count, limits(gte=0), "mesh cycles to discard first"]
+Discarded = Annotated[Count, "mesh cycles to discard first"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,11 +23,7 @@ from cyclopts import Parameter, Token
 from tqdm import tqdm
 
 from herringbone_sim.cli.options import Count, Cycles, High, Low, Mesh, Out, flattened
-from herringbone_sim.cli.parameter_options import (
-    GearOptions,
-    gear_from,
-    print_gear_notes,
-)
+from herringbone_sim.cli.parameter_options import GearOptions, gear_from, print_gear_notes
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.flow import GearFlow

@@ -15,11 +15,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
 from herringbone_sim.cli.options import Count, File, Out, Workers, flattened, limits
-from herringbone_sim.cli.parameter_options import (
-    Effects,
-    effects_from,
-    print_gear_notes,
-)
+from herringbone_sim.cli.parameter_options import Effects, effects_from, print_gear_notes
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
@@ -61,9 +57,7 @@ class SweepSizes:
 
     values: Annotated[Count, limits(gte=2), "values of a sweep"] = 400
     compared: Annotated[
-        Count,
-        limits(gte=0),
-        "values of a sweep from other starts and with other steps; 0 for none",
+        Count, "values of a sweep from other starts and with other steps; 0 for none"
     ] = 100
 
 

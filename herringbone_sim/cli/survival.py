@@ -1,7 +1,7 @@
 """A simulation from rest keeps left and right alike; a real gear does not. At each value of a
 parameter, count the random starts (left and right drawn independently) that reach the motion from
 rest, another motion with left = right, or one in which they differ. Also give the growth rates of
-perturbations of the motion from rest: if that of left-right differences is limits 0, a real gear
+perturbations of the motion from rest: if that of left-right differences is above 0, a real gear
 leaves this motion.
 
 DIR then holds survival.csv (exponents per tau, shares with 95 % intervals), survival.png and .svg.
@@ -34,11 +34,7 @@ from herringbone_sim.cli.options import (
     flattened,
     limits,
 )
-from herringbone_sim.cli.parameter_options import (
-    GearOptions,
-    gear_from,
-    print_gear_notes,
-)
+from herringbone_sim.cli.parameter_options import GearOptions, gear_from, print_gear_notes
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
