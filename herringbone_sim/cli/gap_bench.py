@@ -40,14 +40,14 @@ python -m herringbone_sim gap bench --seeds 820000:820002 --noise coloured,encod
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingOptions:
-    """Distribution that campaigns are drawn from, each a list to draw from; see ``Setting``."""
+    """Distribution that campaigns are drawn from, see ``Setting``."""
 
-    snr: Annotated[Numbers, "DB,...", "noise"] = (40.0,)
+    snr: Annotated[Numbers, "DB,...", "noise, a list to draw from"] = (40.0,)
     noise: Annotated[Names, "KINDS", ", ".join(NOISES)] = ("white",)
     law: Annotated[str, "LAW", "curves of the effects: catalogue, other"] = "both"
     channels: Annotated[Names, "SETS", ", ".join(CHANNEL_SETS)] = ("full",)
-    samples: Annotated[Numbers, "N,...", "of a mesh cycle"] = (24.0,)
-    d: Annotated[Numbers, "D,...", "detectabilities"] = (3.0, 10.0)
+    samples: Annotated[Numbers, "N,...", "of a mesh cycle, a list"] = (24.0,)
+    d: Annotated[Numbers, "D,...", "detectabilities to draw from"] = (3.0, 10.0)
     regime: Annotated[Names, "R,...", "varied, quiet"] = ("varied",)
     truth: Annotated[
         str | None, "TRUTH", "none, single, pair, unknown, unseen, random_physics or an effect"

@@ -80,7 +80,7 @@ Out = Annotated[Folder, "folder to write to; made if new"]
 Run = Annotated[Path, "RUN", "run folder, as runs/my_run, or a .mcap file"]
 Mesh = Annotated[str | None, "NAME", "mesh that the figures show, as sp_L (default: the first)"]
 Workers = Annotated[Count, limits(gte=1), "threads"]
-Scheduler = Annotated[str | None, "ADDRESS", "run on this Dask cluster, as tcp://HOST:8786"]
+Scheduler = Annotated[str | None, "ADDRESS", "Dask cluster to run on instead, as tcp://HOST:8786"]
 Seeds = Annotated[str | None, "A:B", "a campaign per seed: ranges without their end, or lists"]
 Starts = Annotated[Count, limits(gte=1), "random initial states"]
 Discarded = Annotated[Count, "mesh cycles to discard first"]
@@ -91,7 +91,9 @@ class RandomStarts:
     """Random initial states; how many, and the transient, have defaults in the verbs."""
 
     starts: Starts
-    reach: Annotated[float, "B", limits(gt=0), "largest |x| in b_c and |v| in b_c omega_n"] = 1.0
+    reach: Annotated[
+        float, "B", limits(gt=0, lt=1e3), "largest |x| in b_c and |v| in b_c omega_n"
+    ] = 1.0
     transient: Discarded
     seed: Annotated[Count, "of the random initial states"] = 0
 

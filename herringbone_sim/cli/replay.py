@@ -25,8 +25,6 @@ python -m herringbone_sim replay runs/first --verify
 python -m herringbone_sim replay runs/first --publish
 """
 CLOCK_HZ = "40"
-
-
 WHAT = one_of("what to do, one of")
 
 

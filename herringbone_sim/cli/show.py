@@ -26,8 +26,6 @@ python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim show runs/first
 python -m herringbone_sim show runs/first --save first.rrd --screenshot first.png
 """
-
-
 PORT = "9876"
 TARGET = one_of("where, at most one of", least=0)
 

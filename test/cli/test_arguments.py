@@ -191,5 +191,7 @@ def test_defaults_are_shown() -> None:
     assert "--seed N of all random numbers [0]" in text
     assert "--tolerance SHARE of the parameters, as a share [0.02]" in text
     assert "--hidden draw the effects by the seed --runs N runs [8]" in text
-    assert "--d D,... detectabilities [3,10]" in " ".join(help_of("gap bench").split())
+    assert "--d D,... detectabilities to draw from [3,10]" in " ".join(
+        help_of("gap bench").split()
+    )
     assert gap_live.Options().seconds == float("inf")
