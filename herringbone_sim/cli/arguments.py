@@ -91,7 +91,8 @@ def _wrong(error: CycloptsError, known: Sequence[Argument], words: Sequence[str]
         given = {word.partition("=")[0] for word in words}
         needed = [a for a in known if a.show and a.required and not given & set(a.names)]
         names = [argument.name for argument in needed]
-        first = names.index(error.argument.name) if error.argument else 0
+        asked = error.argument.name if error.argument else ""
+        first = names.index(asked) if asked in names else 0
         return f"{', '.join(map(_label, needed[first:]))} must be given: see --help"
     argument, rule = error.argument, getattr(error, "exception_message", "") or error.msg
     if argument is None:
