@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import difflib
-import importlib
 import os
 import sys
 import warnings
@@ -16,28 +14,13 @@ from typing import Any
 # Matrices here are small: threads of a linear algebra library only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from herringbone_sim.cli.verbs import PROGRAM, VERBS, add_verb, greeting, overview
+from herringbone_sim.cli.verbs import PROGRAM, VERBS, greeting, overview
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
 
 EXECUTABLES = {"simulator": "run"}  # name for ``ros2 run`` -> verb, where they differ
-
-
-def parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
-    """The command line; a verb's module is in ``herringbone_sim.cli``, its words joined by _.
-
-    A module has the parts of the help ``DESCRIPTION`` and ``EXAMPLES``, ``add_options`` and
-    ``run``.
-    """
-    result = argparse.ArgumentParser(prog=PROGRAM)
-    subparsers = result.add_subparsers(required=True, metavar="VERB")
-    for verb in verbs:
-        module = importlib.import_module(f"herringbone_sim.cli.{verb.replace(' ', '_')}")
-        added = add_verb(subparsers, verb, module.DESCRIPTION, module.EXAMPLES)
-        module.add_options(added)
-        added.set_defaults(func=module.run)
-    return result
+HELP = {"-h", "--help"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,24 +57,20 @@ def _run(argv: Sequence[str] | None) -> int:
         if isinstance(stream, TextIOWrapper):
             # Names of files and texts in them need not be characters that a terminal has.
             stream.reconfigure(errors="backslashreplace")
-    if " ".join(arguments[:2]) in VERBS:
-        arguments[:2] = [" ".join(arguments[:2])]
-    if not arguments or arguments[0] not in VERBS:
-        return _without_verb(arguments)
-    own, of_ros = split_ros(arguments)
-    args, unknown = parser(arguments[:1]).parse_known_args(own)
-    takes_ros = hasattr(args, "of_ros")
-    if not takes_ros:
-        unknown += of_ros
-    if unknown:
-        hint = "what is for ROS follows --ros-args" if takes_ros else "see --help"
-        print(f"error: unknown arguments {' '.join(unknown)}: {hint}", file=sys.stderr)
-        return 2
-    args.of_ros = of_ros
+    count = 2 if " ".join(arguments[:2]) in VERBS else 1
+    verb, words = " ".join(arguments[:count]), arguments[count:]
+    if verb not in VERBS:
+        return _without_verb(verb, words)
+    from herringbone_sim.cli.arguments import help_of, parse
+
+    own, of_ros = split_ros(words)
+    if HELP & set(own):
+        print(help_of(verb))
+        return 0
     with warnings.catch_warnings():
         _warn_once()
         try:
-            return int(args.func(args))
+            return parse(verb, own, of_ros)()
         except HerringboneError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
@@ -99,13 +78,15 @@ def _run(argv: Sequence[str] | None) -> int:
             return 130
 
 
-def _without_verb(arguments: Sequence[str]) -> int:
+def _without_verb(asked: str, words: Sequence[str]) -> int:
     """Greet, list the verbs or tell the version, without importing any; 2 for what is none."""
-    asked = arguments[0] if arguments else ""
-    if asked in ("", "-h", "--help", "--version"):
+    begun = [verb for verb in VERBS if verb.startswith(f"{asked} ")] if asked else []
+    if asked in ("", "--version", *HELP):
         print(VERSION if asked == "--version" else overview() if asked else greeting())
         return 0
-    begun = [verb for verb in VERBS if verb.startswith(f"{asked} ")]
+    if begun and HELP & set(words[:1]):
+        print(overview(f"{asked} "))
+        return 0
     meant = begun or difflib.get_close_matches(asked, VERBS)
     hint = f"did you mean {' or '.join(meant)}? " if meant else ""
     print(f"error: there is no verb {asked!r}: {hint}{PROGRAM} --help lists all", file=sys.stderr)

@@ -108,10 +108,7 @@ def _become(argv: list[str], output: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
         from herringbone_sim.__main__ import main
 
-        try:
-            code = main(argv)
-        except SystemExit as error:
-            code = error.code if isinstance(error.code, int) else 1
+        code = main(argv)
     except BaseException:
         import traceback
 

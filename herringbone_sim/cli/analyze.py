@@ -1,36 +1,5 @@
-"""``analyze``: period, exponent and spectrum of recorded runs, as report, figures and tables."""
-
-from __future__ import annotations
-
-import argparse
-import os
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-
-from herringbone_sim.analysis.bifurcation import bifurcation_diagram
-from herringbone_sim.analysis.known_gear import gear_of
-from herringbone_sim.analysis.motion import with_phase
-from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
-from herringbone_sim.cli.options import add_file, add_mesh, add_out
-from herringbone_sim.effects.written import effects_text, read_effects
-from herringbone_sim.errors import AnalysisError
-from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
-from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
-from herringbone_sim.views.figures.style import Scale
-from herringbone_sim.views.pages.html import number
-from herringbone_sim.views.pages.output import write_diagram, write_run
-from herringbone_sim.views.pages.report import Report, changing
-from herringbone_sim.views.tables.text import aligned
-
-MAX_LINES = 42
-DESCRIPTION = """\
-Analyse the motion in each segment of a recorded run. A segment ends where a parameter changes; its
-transient is discarded. The analysis gives
+"""Analyse the motion in each segment of a recorded run. A segment ends where a parameter changes;
+its transient is discarded. The analysis gives
 
   period             P1, P2, ... in mesh cycles, or aperiodic
   largest exponent   of the data with a 90 % interval, and of the model for the same parameters;
@@ -45,6 +14,33 @@ with the exponents below it. Works on runs of this simulator and of any rig, wit
 DIR then holds report.html (open this first), figures/*.png and *.svg, and tables as CSV. With
 more than one RUN each has its own folder in DIR.
 """
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from herringbone_sim.analysis.bifurcation import bifurcation_diagram
+from herringbone_sim.analysis.known_gear import gear_of
+from herringbone_sim.analysis.motion import with_phase
+from herringbone_sim.analysis.pipeline import Options as Settings
+from herringbone_sim.analysis.pipeline import SegmentResult, analyze_series
+from herringbone_sim.cli.options import Count, Cycles, File, Mesh, Out, flattened, limits
+from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.errors import AnalysisError
+from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
+from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
+from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.html import number
+from herringbone_sim.views.pages.output import write_diagram, write_run
+from herringbone_sim.views.pages.report import Report, changing
+from herringbone_sim.views.tables.text import aligned
+
+MAX_LINES = 42
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim analyze runs/first --out analysis
@@ -72,78 +68,72 @@ class Analysed:
     effects: list[str]
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add = parser.add_argument
-    add("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a .mcap file")
-    add_out(parser)
-    add_mesh(parser)
-    add(
-        "--transient",
-        type=_count,
-        metavar="CYCLES",
-        help="mesh cycles to discard after each change (default: measured, given in the report)",
-    )
-    add(
-        "--noise",
-        type=_share,
-        metavar="SHARE",
-        help="measurement noise as a share of each channel's RMS, as 0.01 (default: estimated)",
-    )
-    add(
-        "--max-period",
-        type=_count,
-        default=16,
-        metavar="N",
-        help="largest period looked for, in mesh cycles (default: 16)",
-    )
-    text = "parameter file of the gear, for runs that do not hold its parameters"
-    add_file(parser, "--parameters", text)
-    add("--no-model", action="store_true", help="compute no exponent of the model")
-    add(
-        "--mesh-frequency",
-        type=_positive,
-        metavar="HZ",
-        help="mesh frequency of a run that has no phase channel",
-    )
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How the runs are analysed."""
+
+    out: Out
+    mesh: Mesh = None
+    transient: Annotated[
+        Cycles | None,
+        "mesh cycles to discard after each change (default: measured, given in the report)",
+    ] = None
+    noise: Annotated[
+        float | None,
+        "SHARE",
+        limits(gte=0.0, lt=1.0),
+        "measurement noise as a share of each channel's RMS, as 0.01 (default: estimated)",
+    ] = None
+    max_period: Annotated[Count, "largest period looked for, in mesh cycles"] = 16
+    parameters: Annotated[
+        File | None, "parameter file of the gear, for runs that do not hold its parameters"
+    ] = None
+    no_model: Annotated[bool, "compute no exponent of the model"] = False
+    mesh_frequency: Annotated[
+        float | None, "HZ", limits(gt=0.0), "mesh frequency of a run that has no phase channel"
+    ] = None
 
 
-def run(args: argparse.Namespace) -> int:
+def run(
+    runs: Annotated[tuple[Path, ...], "RUN ...", "run folder, or a .mcap file"],
+    /,
+    *,
+    options: Options,
+) -> int:
     """Analyse the runs, write and print the results; exit code 0.
 
     Raises:
         RecordingError: a run can't be read.
         AnalysisError: a run can't be analysed, or has no such mesh.
     """
-    names = _folder_names(args.runs)
-    several = len(args.runs) > 1
-    folders = [args.out / name if several else args.out for name in names]
+    names, out = _folder_names(runs), options.out
+    several = len(runs) > 1
+    folders = [out / name if several else out for name in names]
     analysed = [
-        _analyse(path, name, folder, args)
-        for path, name, folder in zip(args.runs, names, folders, strict=True)
+        _analyse(path, name, folder, options)
+        for path, name, folder in zip(runs, names, folders, strict=True)
     ]
     for result in analysed:
         print(_summary(result))
     if several:
-        _joint_diagram(analysed, args.out)
+        _joint_diagram(analysed, out)
     return 0
 
 
-def _analyse(path: Path, name: str, folder: Path, args: argparse.Namespace) -> Analysed:
+def _analyse(path: Path, name: str, folder: Path, options: Options) -> Analysed:
     recording = read_recording(path)
     series = recording.samples
-    if args.mesh_frequency is not None and "phase" not in series:
-        series = with_phase(series, args.mesh_frequency)
-    parameters = _parameters(recording, args.parameters)
+    if options.mesh_frequency is not None and "phase" not in series:
+        series = with_phase(series, options.mesh_frequency)
+    parameters = _parameters(recording, options.parameters)
     texts = _effects(recording, parameters)
     sets = [read_effects(text) for text in texts]
-    gear = gear_of(parameters, with_model=not args.no_model, sets=sets)
-    options = Options(
-        transient_cycles=args.transient, noise_share=args.noise, max_period=args.max_period
-    )
+    gear = gear_of(parameters, with_model=not options.no_model, sets=sets)
+    settings = Settings(options.transient, options.noise, max_period=options.max_period)
     changes = [(change.t_s, _numbers(change, texts)) for change in recording.changes]
-    results = analyze_series(series, changes, options, gear, _progress(name))
-    mesh = _mesh(args.mesh, results)
+    results = analyze_series(series, changes, settings, gear, _progress(name))
+    mesh = _mesh(options.mesh, results)
     scale = Scale(gear.b_c_m, gear.omega_n)
     facts = [*_facts(recording, results), *_effect_lines(texts)]
     write_run(folder, Report(name, facts, results, recording.notes), mesh, scale)
@@ -263,24 +253,3 @@ def _progress(name: str) -> Any:
             print(f"\r{name}: segment {done} of {total}", end=end, file=sys.stderr, flush=True)
 
     return show
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0 or str(value) != text.strip():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 on, got {text}")
-    return value
-
-
-def _share(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < 1:
-        raise argparse.ArgumentTypeError(f"must lie in 0 .. 1, got {text}")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (value > 0 and np.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
-    return value

@@ -1,29 +1,36 @@
-"""``basins``: coexisting attractors of a gear and the share of starts that each attracts."""
+"""Start a gear from many states and distinguish the motions in which they end: period, whether
+left and right move alike, whether they are chaotic (by the largest exponent), and the share of
+starts that each attracts, with its 95 % Wilson interval. A motion and its mirror image count as
+one. Random starts have uniformly distributed relative displacements and velocities within --reach,
+left and right drawn independently; the slice has all meshes at rest.
+
+DIR then holds basins.csv, starts.csv, slice.csv, basins.png and .svg. Repeat the command to
+continue a run that was stopped.
+"""
 
 from __future__ import annotations
 
-import argparse
 import shutil
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from tqdm import tqdm
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.cli.options import (
-    add_number,
-    add_out,
-    add_random_starts,
-    add_workers,
-    workers_from,
+    Count,
+    Discarded,
+    Out,
+    RandomStarts,
+    Starts,
+    Workers,
+    flattened,
+    limits,
 )
-from herringbone_sim.cli.parameter_options import (
-    add_parameter_options,
-    model_from,
-    print_gear_notes,
-)
+from herringbone_sim.cli.parameter_options import GearOptions, model_from, print_gear_notes
 from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.basins import (
     Basins,
@@ -44,82 +51,68 @@ from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
 
+LEAST = 50  # mesh cycles that tell motions apart
 HEAD = (
     *("attractor", "motion", "starts", "share", "low", "high"),
     *("exponent_per_tau", "exponent_error", "starts_of_slice"),
 )
-DESCRIPTION = """\
-Start a gear from many states and distinguish the motions in which they end: period, whether left
-and right move alike, whether they are chaotic (by the largest exponent), and the share of starts
-that each attracts, with its 95 % Wilson interval. A motion and its mirror image count as one.
-Random starts have uniformly distributed relative displacements and velocities within --reach, left
-and right drawn independently; the slice has all meshes at rest.
-
-DIR then holds basins.csv, starts.csv, slice.csv, basins.png and .svg. Repeat the command to
-continue a run that was stopped.
-"""
 EXAMPLES = """\
 python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
     --parameters config/paper.yaml --out basins
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_parameter_options(parser)
-    add_random_starts(parser, starts=200, transient=4000)
-    add_number(parser, "--points", 200, "mesh cycles observed then")
-    add_number(parser, "--slice", 0, "a picture of N x N starts at rest; 0 for none")
-    add_workers(parser)
-    add_out(parser)
+@flattened
+@dataclass(frozen=True, kw_only=True)
+class Options(RandomStarts):
+    """Starts and length of the runs."""
+
+    starts: Starts = 200
+    transient: Discarded = 4000
+    points: Annotated[Count, limits(gte=LEAST), "mesh cycles observed then"] = 200
+    slice: Annotated[Count, "a picture of N x N starts at rest; 0 for none"] = 0
 
 
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    gear: GearOptions = GearOptions(),
+    options: Options = Options(),
+    workers: Workers = 2,
+    out: Out,
+) -> int:
     """Run the starts, print the shares, write tables and figure; exit code 0.
 
     Raises:
-        AnalysisError: an option out of range.
+        AnalysisError: a slice of one value.
     """
-    _check(args)
-    workers = workers_from(args)
-    model = model_from(args)
+    if options.slice == 1:
+        raise AnalysisError("--slice must be 0 or 2 and more, got 1")
+    model = model_from(gear)
     print_gear_notes(model)
-    unfinished = args.out / "unfinished"
-    sections_of = cached_sections(unfinished, model, args.transient, args.points, workers)
-    starts = random_starts(model, args.starts, np.random.default_rng(args.seed), args.reach)
+    unfinished = out / "unfinished"
+    transient, points, reach = options.transient, options.points, options.reach
+    sections_of = cached_sections(unfinished, model, transient, points, workers)
+    starts = random_starts(model, options.starts, np.random.default_rng(options.seed), reach)
     shared = explore(sections_of, starts, symmetry(model), progress=_bar("starts"))
     plane = None
-    if args.slice:
+    if options.slice:
         attractors, bar = shared.attractors, _bar("slice")
-        plane = explore_slice(model, sections_of, args.slice, args.reach, attractors, bar)
+        plane = explore_slice(model, sections_of, options.slice, reach, attractors, bar)
     all_attractors = (plane[1] if plane else shared).attractors
     shared = Basins(all_attractors, shared.labels)
-    last = args.transient + args.points - 1
+    last = transient + points - 1
     motions = [identify_motion(model, attractor, at=last) for attractor in all_attractors]
     pairs = zip(motions, all_attractors, strict=True)
     names = [attractor.named(kind) for (kind, _), attractor in pairs]
     growths = [growth for _, growth in motions]
     rows = table(names, growths, shared, plane[1] if plane else None)
-    write(args.out, rows, starts, shared, plane)
+    write(out, rows, starts, shared, plane)
     drawn = portraits(model, all_attractors[:PORTRAITS], last)
-    save(basins_figure(drawn, names, shared, plane), args.out, "basins")
+    save(basins_figure(drawn, names, shared, plane), out, "basins")
     shutil.rmtree(unfinished)
     print(text(rows, shared))
-    print(f"written: {args.out / 'basins.csv'}, {args.out / 'basins.png'}")
+    print(f"written: {out / 'basins.csv'}, {out / 'basins.png'}")
     return 0
-
-
-def _check(args: argparse.Namespace) -> None:
-    if args.starts < 1 or args.slice < 0 or args.slice == 1 or args.transient < 0:
-        raise AnalysisError(
-            "--starts must be 1 or more, --slice 0 or 2 and more, --transient 0 or more, "
-            f"got {args.starts}, {args.slice}, {args.transient}"
-        )
-    if args.points < 50 or not 0.0 < args.reach < 1e3:
-        raise AnalysisError(
-            f"--points must be 50 or more to tell motions apart and --reach lie in 0 .. 1000, "
-            f"got {args.points} and {args.reach}"
-        )
 
 
 def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:

@@ -1,11 +1,15 @@
-"""``campaign check``: content of a campaign, and observations that a diagnosis can form."""
+"""Say what a campaign (a folder of runs with campaign.yaml) holds, run by run, what is odd about
+it, and which observations a diagnosis could form of it: force_law (mesh by mesh, F against k(t)
+f(x) + c v), torque_balance (accelerations against forces and torques) and consistency (what
+sensors say of each other). Nothing is diagnosed.
+"""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import add_file
+from herringbone_sim.cli.options import File, Folder
 from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
@@ -18,12 +22,6 @@ from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks
 from herringbone_sim.recording.parameter_file import load_parameters
 
-DESCRIPTION = """\
-Say what a campaign (a folder of runs with campaign.yaml) holds, run by run, what is odd about it,
-and which observations a diagnosis could form of it: force_law (mesh by mesh, F against k(t) f(x) +
-c v), torque_balance (accelerations against forces and torques) and consistency (what sensors say
-of each other). Nothing is diagnosed.
-"""
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
     --effect pin_position@all/2/all:offset=1.5e-5
@@ -38,20 +36,21 @@ NEEDS = {
 }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    parser.add_argument("campaign", type=Path, metavar="DIR", help="folder of runs")
-    text = f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)"
-    add_file(parser, "--nominal", text)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    campaign: Annotated[Folder, "folder of runs"],
+    /,
+    *,
+    nominal: Annotated[
+        File | None,
+        f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)",
+    ] = None,
+) -> int:
     """Print the channels of each run, findings, and the observations that can be formed."""
-    beside = args.campaign / NOMINAL
-    file = args.nominal or (beside if beside.is_file() else None)
-    campaign = prepare(args.campaign, load_parameters(file) if file else Parameters())
-    print(table(args.campaign, campaign))
-    print(verdict(feasible_observations(campaign)))
+    beside = campaign / NOMINAL
+    file = nominal or (beside if beside.is_file() else None)
+    prepared = prepare(campaign, load_parameters(file) if file else Parameters())
+    print(table(campaign, prepared))
+    print(verdict(feasible_observations(prepared)))
     return 0
 
 

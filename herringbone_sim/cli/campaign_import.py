@@ -1,12 +1,19 @@
-"""``campaign import``: convert measurement files of other programs to a campaign."""
+"""Make a campaign of files of other programs: CSV, Parquet, MAT (v5 and v7.3), TDMS, HDF5,
+rosbag2. SPEC.yaml says which column of which file is which channel, in which unit, with which
+scale, sign, rate and trigger offset, and gives operating point and role of each run
+(docs/importing.md). All is written in SI, each run on one clock; units must fit, values outside
+the range of the data sheet are reported. Prints which columns were used and which not, and writes
+bags, campaign.yaml, nominal.yaml and import.html. A wrong entry is an error, and then nothing is
+written.
+"""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import add_out, progress
+from herringbone_sim.cli.options import Folder, progress
 from herringbone_sim.recording.importing.campaign import NOMINAL, ImportedRun, import_campaign
 from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.views.pages.imported import (
@@ -15,35 +22,26 @@ from herringbone_sim.views.pages.imported import (
     write_import_page,
 )
 
-DESCRIPTION = """\
-Make a campaign of files of other programs: CSV, Parquet, MAT (v5 and v7.3), TDMS, HDF5, rosbag2.
-SPEC.yaml says which column of which file is which channel, in which unit, with which scale, sign,
-rate and trigger offset, and gives operating point and role of each run (docs/importing.md). All is
-written in SI, each run on one clock; units must fit, values outside the range of the data sheet
-are reported. Prints which columns were used and which not, and writes bags, campaign.yaml,
-nominal.yaml and import.html. A wrong entry is an error, and then nothing is written.
-"""
 EXAMPLES = """\
 python -m herringbone_sim.examples.files --out files
 python -m herringbone_sim campaign import files/spec.yaml --out rigs/files
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    parser.add_argument("spec", type=Path, metavar="SPEC.yaml", help="what the files hold")
-    add_out(parser, "campaign folder to make")
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    spec: Annotated[Path, "SPEC.yaml", "what the files hold"],
+    /,
+    *,
+    out: Annotated[Folder, "campaign folder to make"],
+) -> int:
     """Write the campaign and its page; print a summary of each run."""
-    spec = read_spec(args.spec)
-    with progress(len(spec.runs)) as report:
-        runs = import_campaign(spec, args.out, report)
-    page = write_import_page(args.out, spec.rig, runs)
+    content = read_spec(spec)
+    with progress(len(content.runs)) as report:
+        runs = import_campaign(content, out, report)
+    page = write_import_page(out, content.rig, runs)
     print(table(runs))
-    print(f"written: {args.out / 'campaign.yaml'}, {args.out / NOMINAL}, {page}")
-    print(f"what it allows: python -m herringbone_sim campaign check {args.out}")
+    print(f"written: {out / 'campaign.yaml'}, {out / NOMINAL}, {page}")
+    print(f"what it allows: python -m herringbone_sim campaign check {out}")
     return 0
 
 

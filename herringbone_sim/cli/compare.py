@@ -1,30 +1,31 @@
-"""``compare``: bifurcations of a nominal and of an augmented gear over one parameter."""
+"""Run the same sweep with two gears, such as the nominal one and the augmented one that a
+diagnosis wrote, and compare: the boundaries between motions and of contact loss; the share of each
+motion; the values at which several motions coexist. Starts are the initial state, continuations,
+and random states with left and right drawn independently.
+
+DIR then holds report.html, figures/ (PNG and SVG), boundaries.csv, values.csv, compare.json, and
+the sweeps in nominal/ and augmented/. Repeat the command to continue one that was interrupted.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from herringbone_sim.cli.options import add_mesh, add_number, add_out
-from herringbone_sim.cli.parameter_options import add_set_option, print_gear_notes, settings
+from herringbone_sim.cli.options import Count, Mesh, Out, flattened
+from herringbone_sim.cli.parameter_options import Changes, print_gear_notes, settings
 from herringbone_sim.cli.sweep import WAYS
-from herringbone_sim.cli.sweep_options import (
-    add_sweep_options,
-    chunk_from,
-    observation_from,
-    run_all,
-)
+from herringbone_sim.cli.sweep_options import SweepOptions, chunk_from, observation_from, run_all
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
-from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.sweeps.compare import (
     BoundaryShift,
@@ -53,71 +54,68 @@ MATCHED = ("fixed", "up", "down")  # ways whose boundaries are matched
 SCATTER = 0.3  # b_c, standard deviation of random initial displacements
 SCALARS = ("period", "exponent", "exponent_error", "within", "transverse", "contact_loss")
 SEPARATED = ("sun_separated", "ring_separated")
-DESCRIPTION = """\
-Run the same sweep with two gears, such as the nominal one and the augmented one that a diagnosis
-wrote, and compare: the boundaries between motions and of contact loss; the share of each motion;
-the values at which several motions coexist. Starts are the initial state, continuations, and
-random states with left and right drawn independently.
-
-DIR then holds report.html, figures/ (PNG and SVG), boundaries.csv, values.csv, compare.json, and
-the sweeps in nominal/ and augmented/. Repeat the command to continue one that was interrupted.
-"""
 EXAMPLES = """\
 python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
     --over delta_T=0:100:40 --out compared
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add = parser.add_argument
-    add("nominal", type=Path, metavar="NOMINAL", help="parameter file of the one gear")
-    add("augmented", type=Path, metavar="AUGMENTED", help="that of the other, with its effects")
-    add("--over", required=True, metavar="NAME=LOW:HIGH:COUNT", help="values of a parameter")
-    add_set_option(parser)
-    ways = [name for name in WAYS if name not in ("ramp", "all")]
-    add("--start", choices=ways, default="held", help="how to get to a value [%(default)s]")
-    add_number(parser, "--starts", 3, "random initial states at each value")
-    add_mesh(parser)
-    add_out(parser)
-    add_sweep_options(parser)
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """The sweeps of both gears."""
+
+    over: Annotated[str, "NAME=LOW:HIGH:COUNT", "values of a parameter"]
+    set: Changes = ()
+    start: Annotated[Literal["fixed", "up", "down", "both", "held"], "how to get to a value"] = (
+        "held"
+    )
+    starts: Annotated[Count, "random initial states at each value"] = 3
+    mesh: Mesh = None
+    out: Out
 
 
-def run(args: argparse.Namespace) -> int:
+def run(
+    nominal: Annotated[Path, "NOMINAL", "parameter file of the one gear"],
+    augmented: Annotated[Path, "AUGMENTED", "that of the other, with its effects"],
+    /,
+    *,
+    options: Options,
+    sweep: SweepOptions = SweepOptions(),
+) -> int:
     """Run both sweeps, write page, figures and tables, print a summary; exit code 0.
 
     Raises:
         ParameterError: a wrong file or axis, or a gear that can't be built.
         AnalysisError: the folder holds other sweeps.
     """
-    if args.starts < 0:
-        raise AnalysisError(f"--starts must be 0 or more, got {args.starts}")
-    axis = axis_from_text(args.over)
-    gears = both_gears(args)
+    axis = axis_from_text(options.over)
+    files = {"nominal": nominal, "augmented": augmented}
+    gears = both_gears(files, settings(options.set))
     forcing = {name: forcing_of(name, gear, axis) for name, gear in gears.items()}
-    mesh = args.mesh or gears["nominal"][0].layout.meshes[0]
-    observation = observation_from(args, mesh, max(forcing.values()))
+    mesh = options.mesh or gears["nominal"][0].layout.meshes[0]
+    observation = observation_from(sweep, mesh, max(forcing.values()))
     stores = {
-        name: open_stores(args, name, gear, axis, observation) for name, gear in gears.items()
+        name: open_stores(options.out / name, ways_of(gear, axis, observation, options, sweep))
+        for name, gear in gears.items()
     }
-    run_all([store for ways in stores.values() for store in ways.values()], args)
+    run_all([store for ways in stores.values() for store in ways.values()], sweep)
     sides = [
         GearSweeps(name, {way: load_result(store) for way, store in ways.items()}, forcing[name])
         for name, ways in stores.items()
     ]
-    write(args, sides[0], sides[1], facts(args, gears, sides))
+    write(options.out, sides[0], sides[1], facts(files, gears, sides))
     return 0
 
 
-def both_gears(args: argparse.Namespace) -> dict[str, Gear]:
+def both_gears(files: Mapping[str, Path], changes: dict[str, Any]) -> dict[str, Gear]:
     """Nominal and augmented gear with the steps of a sweep; both ``full`` if one of them is."""
-    changes = settings(args.set)
-    files = {"nominal": load_gear(args.nominal), "augmented": load_gear(args.augmented)}
-    full = any(base.model == "full" for base, _ in files.values()) and "model" not in changes
+    gears = {name: load_gear(file) for name, file in files.items()}
+    full = any(base.model == "full" for base, _ in gears.values()) and "model" not in changes
     every = {**changes, **({"model": "full"} if full else {})}
     return {
         name: (with_sweep_steps(base.changed(every), changes), actives)
-        for name, (base, actives) in files.items()
+        for name, (base, actives) in gears.items()
     }
 
 
@@ -137,31 +135,35 @@ def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
     return effect_cycles(model)
 
 
-def open_stores(
-    args: argparse.Namespace, name: str, gear: Gear, axis: Axis, observation: Observation
-) -> dict[str, Store]:
-    """Stores of the sweeps of a gear, by the way in which a value is reached."""
+def ways_of(
+    gear: Gear, axis: Axis, observation: Observation, options: Options, chunks: SweepOptions
+) -> dict[str, Sweep]:
+    """Sweeps of a gear, by the way in which a value is reached."""
     base, actives = gear
-    effects, folder = effects_text(actives), args.out / name
+    effects = effects_text(actives)
     sweeps = {
-        way: Sweep(base, (axis,), observation, way, chunk_from(args, way, effects), effects)
-        for way in WAYS[args.start]
+        way: Sweep(base, (axis,), observation, way, chunk_from(chunks, way, effects), effects)
+        for way in WAYS[options.start]
     }
-    for i in range(1, args.starts + 1):
+    for i in range(1, options.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
-        sweeps[f"random {i}"] = Sweep(
-            random, (axis,), observation, "fixed", chunk_from(args, effects=effects), effects
-        )
+        chunk = chunk_from(chunks, effects=effects)
+        sweeps[f"random {i}"] = Sweep(random, (axis,), observation, "fixed", chunk, effects)
+    return sweeps
+
+
+def open_stores(folder: Path, sweeps: Mapping[str, Sweep]) -> dict[str, Store]:
+    """Stores of sweeps in folders named after them."""
     return {
         way: open_store(folder / way.replace(" ", "_"), sweep) for way, sweep in sweeps.items()
     }
 
 
 def facts(
-    args: argparse.Namespace, gears: Mapping[str, Gear], sides: list[GearSweeps]
+    files: Mapping[str, Path], gears: Mapping[str, Gear], sides: list[GearSweeps]
 ) -> list[str]:
     """Lines about both gears: files, effects, parameters that differ, length of the runs."""
-    lines = [f"nominal: {args.nominal}; augmented: {args.augmented}"]
+    lines = ["; ".join(f"{name}: {file}" for name, file in files.items())]
     for side in sides:
         effects = effects_text(gears[side.name][1])
         more = f"; P1 takes {side.forcing} mesh cycles" if side.forcing > 1 else ""
@@ -189,15 +191,13 @@ def _short(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def write(
-    args: argparse.Namespace, nominal: GearSweeps, augmented: GearSweeps, lines: list[str]
-) -> None:
+def write(out: Path, nominal: GearSweeps, augmented: GearSweeps, lines: list[str]) -> None:
     """Write page, figures and tables; print a summary.
 
     Args:
         lines: of ``facts``.
     """
-    axis, out = nominal.axis, args.out
+    axis = nominal.axis
     ways = [way for way in nominal.results if way in MATCHED]
     by_way = {way: match_boundaries(nominal, augmented, way) for way in ways}
     unit = meaning(axis.name).unit

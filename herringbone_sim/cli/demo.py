@@ -1,8 +1,11 @@
-"""``demo``: run, steer, record, repeat, show and analyse a gear, each in its own process."""
+"""All main steps in under two minutes: the node runs at real_time_factor 1 in its own
+process with the paper's parameters in chaos; a control experiment in another process raises K over
+ROS topics until the motion has period 1, and lowers it again; the run is recorded and mirrored;
+it is repeated to the bit, drawn by the real Rerun viewer, and analysed into figures and a report.
+"""
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import signal
@@ -10,15 +13,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
 
+from herringbone_sim.cli.options import Folder
 from herringbone_sim.errors import HerringboneError, RecordingError
 
-DESCRIPTION = """\
-All main steps in under two minutes: the node runs at real_time_factor 1 in its own
-process with the paper's parameters in chaos; a control experiment in another process raises K over
-ROS topics until the motion has period 1, and lowers it again; the run is recorded and mirrored;
-it is repeated to the bit, drawn by the real Rerun viewer, and analysed into figures and a report.
-"""
 EXAMPLES = """\
 python -m herringbone_sim demo --out demo
 """
@@ -26,16 +25,14 @@ python -m herringbone_sim demo --out demo
 NODE_WAIT_S = 60.0
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder [%(default)s]")
-    parser.add_argument("--force", action="store_true", help="replace the folder if it is there")
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    out: Annotated[Folder, "folder to write to"] = Path("demo"),
+    force: Annotated[bool, "replace the folder if it is there"] = False,
+) -> int:
     """Run all steps; exit code 0, HerringboneError if one fails."""
-    out = args.out.absolute()
-    if out.exists() and not args.force:
+    out = out.absolute()
+    if out.exists() and not force:
         raise RecordingError(f"{out} is there already: name another --out, or give --force")
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)

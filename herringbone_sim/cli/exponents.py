@@ -1,35 +1,4 @@
-"""``exponents``: is a motion chaotic, by five methods."""
-
-from __future__ import annotations
-
-import argparse
-from collections.abc import Sequence
-from pathlib import Path
-
-import numpy as np
-
-from herringbone_sim.cli.options import add_number, add_out, progress
-from herringbone_sim.cli.parameter_options import (
-    add_parameter_options,
-    model_from,
-    print_gear_notes,
-    settings,
-)
-from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
-from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.dynamics.spectrum import kaplan_yorke
-from herringbone_sim.errors import AnalysisError
-from herringbone_sim.sweeps.output import make_folder
-from herringbone_sim.views.figures.exponents import exponents_figure
-from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
-from herringbone_sim.views.tables.csv_file import write_csv
-
-Row = tuple[str, str, float, float]
-LEAST = 300  # cycles
-STEPS = 5  # methods
-HEAD = ("method", "quantity", "value", "error")
-DESCRIPTION = """\
-Tell whether the motion of a gear is chaotic, by every method at once:
+"""Tell whether the motion of a gear is chaotic, by every method at once:
 
   tangent flow      the whole Lyapunov spectrum, with its convergence; its sum is checked
   two trajectories  the largest exponent, over the distance of the two
@@ -42,46 +11,63 @@ Exponents are per unit of the dimensionless time tau, errors are standard errors
 
 DIR then holds exponents.csv, convergence.csv, exponents.png and .svg.
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from herringbone_sim.cli.options import Count, Discarded, Out, limits, progress
+from herringbone_sim.cli.parameter_options import (
+    GearOptions,
+    model_from,
+    print_gear_notes,
+    settings,
+)
+from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
+from herringbone_sim.dynamics.growth import Growth
+from herringbone_sim.dynamics.spectrum import kaplan_yorke
+from herringbone_sim.sweeps.output import make_folder
+from herringbone_sim.views.figures.exponents import exponents_figure
+from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
+from herringbone_sim.views.tables.csv_file import write_csv
+
+Row = tuple[str, str, float, float]
+LEAST = 300  # cycles
+STEPS = 5  # methods
+HEAD = ("method", "quantity", "value", "error")
 EXAMPLES = """\
 python -m herringbone_sim exponents --set delta_T=20 \\
     --parameters config/paper.yaml --out chaos
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_parameter_options(parser)
-    add_number(parser, "--cycles", 2000, "mesh cycles averaged over")
-    add_number(parser, "--transient", 1000, "mesh cycles to discard first")
-    add_number(parser, "--seed", 0, "of the frequencies of the 0-1 test")
-    add_out(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Compute, print and write the table, draw the figure; exit code 0.
-
-    Raises:
-        AnalysisError: too few cycles, or a negative transient.
-    """
-    if args.cycles < LEAST or args.transient < 0:
-        raise AnalysisError(
-            f"--cycles must be {LEAST} or more and --transient 0 or more, "
-            f"got {args.cycles} and {args.transient}"
-        )
-    model = model_from(args)
-    make_folder(args.out)
+def run(
+    *,
+    gear: GearOptions = GearOptions(),
+    cycles: Annotated[Count, limits(gte=LEAST), "mesh cycles averaged over"] = 2000,
+    transient: Discarded = 1000,
+    seed: Annotated[Count, "of the frequencies of the 0-1 test"] = 0,
+    out: Out,
+) -> int:
+    """Compute, print and write the table, draw the figure; exit code 0."""
+    model = model_from(gear)
+    make_folder(out)
     print_gear_notes(model)
     with progress(STEPS, "method") as step:
-        comparison = compare_exponents(model, args.cycles, args.transient, args.seed, step)
+        comparison = compare_exponents(model, cycles, transient, seed, step)
     rows = table(comparison)
     title = ",  ".join(
         f"{PARAMETER_SYMBOLS.get(name, name)} = {value}"
-        for name, value in settings(args.set).items()
+        for name, value in settings(gear.set).items()
     )
-    write(args.out, rows, comparison, title)
+    write(out, rows, comparison, title)
     print(text(rows))
     print(f"\n{comparison.motion}")
-    print(f"written: {args.out / 'exponents.csv'}, {args.out / 'exponents.png'}")
+    print(f"written: {out / 'exponents.csv'}, {out / 'exponents.png'}")
     return 0
 
 

@@ -1,18 +1,20 @@
-"""``gap``: diagnose which effect makes a rig differ from the nominal model, and where."""
+"""Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: the residual
+F - (k(t) f(x) + c v) of every run by mesh; which effect explains it, with probability and size;
+and how far the augmented model closes the gap on runs of role held_out, which are used in no fit:
+by residual, by prediction over a horizon short against the Lyapunov time, and by attractor.
+Writes residual.csv, report.json, augmented.yaml (parameters for the node, recalibrated and with
+the effects), report.html, and of few sensors forces.csv: the forces of all meshes in a run, with
+90 % bands.
+"""
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import (
-    add_file,
-    add_out,
-    add_rerun_option,
-    mirror_target,
-    progress,
-)
+from herringbone_sim.cli.arguments import Alone
+from herringbone_sim.cli.options import FORMS, File, Out, mirror_target, progress
 from herringbone_sim.cli.show import wait_for_interrupt
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.core.model import build
@@ -40,15 +42,6 @@ from herringbone_sim.views.pages.gap.page import write_gap_page
 from herringbone_sim.views.tables.csv_file import write_csv
 from herringbone_sim.views.tables.forces import write_forces
 
-DESCRIPTION = """\
-Compare a campaign (a folder of runs with campaign.yaml) with the nominal model: the residual
-F - (k(t) f(x) + c v) of every run by mesh; which effect explains it, with probability and size;
-and how far the augmented model closes the gap on runs of role held_out, which are used in no fit:
-by residual, by prediction over a horizon short against the Lyapunov time, and by attractor.
-Writes residual.csv, report.json, augmented.yaml (parameters for the node, recalibrated and with
-the effects), report.html, and of few sensors forces.csv: the forces of all meshes in a run, with
-90 % bands.
-"""
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin --seed 7 \\
     --effect pin_position@all/2/all:offset=1.5e-5
@@ -59,34 +52,38 @@ CLOSE_S = 60.0
 POINT = {"delta_T": " K", "T_1": " N m", "Omega": "", "K": ""}
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of runs")
-    add_file(parser, "--nominal", "parameters of the rig", required=True)
-    add_out(parser)
-    add_rerun_option(parser, "save", "DIR/gap.rrd")
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    campaign: Annotated[Path, "CAMPAIGN", "folder of runs"],
+    /,
+    *,
+    nominal: Annotated[File, "parameters of the rig"],
+    out: Out,
+    rerun: Annotated[
+        str | None,
+        "[WHERE]",
+        Alone("save"),
+        f"mirror to the Rerun viewer: {FORMS} [save; save writes DIR/gap.rrd]",
+    ] = None,
+) -> int:
     """Diagnose a campaign; print and write residuals, verdict, report and page; exit code 0."""
-    target = mirror_target(args.rerun, args.out / "gap.rrd")
-    campaign = read_campaign(args.campaign)
-    nominal = load_parameters(args.nominal).changed({"model": "full"})
-    make_folder(args.out)
-    residual_table(campaign, nominal, args.out / "residual.csv")
-    prepared = prepare(args.campaign, nominal)
+    target = mirror_target(rerun, out / "gap.rrd")
+    runs = read_campaign(campaign)
+    gear = load_parameters(nominal).changed({"model": "full"})
+    make_folder(out)
+    residual_table(runs, gear, out / "residual.csv")
+    prepared = prepare(campaign, gear)
     with progress(STEPS + len(prepared.runs)) as step:
         diagnosis = diagnose(prepared, step)
-    write_report(args.out / "report.json", diagnosis.report)
-    save_augmented(args.out / "augmented.yaml", nominal, diagnosis.augmented, prepared.rig)
+    write_report(out / "report.json", diagnosis.report)
+    save_augmented(out / "augmented.yaml", gear, diagnosis.augmented, prepared.rig)
     arrays = gap_arrays(diagnosis.calibrated, diagnosis.report.forces)
-    page = write_gap_page(diagnosis.report, args.out, arrays, args.nominal)
+    page = write_gap_page(diagnosis.report, out, arrays, nominal)
     print(summary(diagnosis.report))
     names = ["residual.csv", "report.json", "augmented.yaml"]
     if diagnosis.report.forces is not None:
-        write_forces(args.out / "forces.csv", diagnosis.report.forces)
+        write_forces(out / "forces.csv", diagnosis.report.forces)
         names.append("forces.csv")
-    print(f"written: {', '.join(str(args.out / name) for name in names)}, {page}")
+    print(f"written: {', '.join(str(out / name) for name in names)}, {page}")
     if target is not None:
         print(mirror_gap(target, prepared, diagnosis))
     return 0

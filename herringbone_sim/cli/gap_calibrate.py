@@ -1,12 +1,15 @@
-"""``gap calibrate``: fit the weights of the judge to practice campaigns."""
+"""Diagnose practice campaigns, store the evidence of each (FOLDER/evidence.jsonl), and fit the
+weights that turn evidence into probabilities. The file of weights also holds seeds, code version
+and scores on campaigns left out of the fit. A campaign takes about a minute, and 300 of them are
+reasonable; a fit to stored evidence (--evidence) takes seconds.
+"""
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.gap_bench import add_setting, setting_from
-from herringbone_sim.cli.options import add_file, add_seeds, add_workers, workers_from
+from herringbone_sim.cli.gap_bench import SettingOptions, setting_from
+from herringbone_sim.cli.options import File, Folder, Pool, Seeds
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import run_bench
 from herringbone_sim.practice.calibrate import calibrate, write_weights
@@ -15,51 +18,40 @@ from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.trial import sources
 
-DESCRIPTION = """\
-Diagnose practice campaigns, store the evidence of each (FOLDER/evidence.jsonl), and fit the
-weights that turn evidence into probabilities. The file of weights also holds seeds, code version
-and scores on campaigns left out of the fit. A campaign takes about a minute, and 300 of them are
-reasonable; a fit to stored evidence (--evidence) takes seconds.
-"""
 EXAMPLES = """\
 python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_seeds(parser)
-    text = "folder of the campaigns; an interrupted one is continued"
-    parser.add_argument("--folder", type=Path, metavar="DIR", help=text)
-    add_file(parser, "--evidence", "stored evidence, instead of seeds")
-    add_file(parser, "--out", "weights to write", required=True)
-    add_setting(parser)
-    add_workers(parser, scheduler=True)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    seeds: Seeds = None,
+    folder: Annotated[Folder | None, "of the campaigns; an interrupted one is continued"] = None,
+    evidence: Annotated[File | None, "stored evidence, instead of seeds"] = None,
+    out: Annotated[File, "weights to write"],
+    setting: SettingOptions = SettingOptions(),
+    pool: Pool = Pool(),
+) -> int:
     """Diagnose missing campaigns, fit and write the weights, print the scores; exit code 0.
 
     Raises:
         AnalysisError: neither seeds with a folder nor evidence is given.
     """
-    if args.evidence is not None:
-        campaigns = read_evidence(args.evidence)
-    elif args.seeds is None or args.folder is None:
+    if evidence is not None:
+        campaigns = read_evidence(evidence)
+    elif seeds is None or folder is None:
         raise AnalysisError("a calibration needs --seeds and --folder, or --evidence: give them")
     else:
-        seeds = parse_seeds(args.seeds)
-        seen = check_seeds(seeds, True)
-        workers, scheduler = workers_from(args), args.scheduler
-        run_bench(args.folder, seeds, setting_from(args), seen, Resources(workers, scheduler))
-        campaigns = bench_evidence(args.folder)
-        write_evidence(args.folder / "evidence.jsonl", campaigns)
+        numbers, resources = parse_seeds(seeds), Resources(pool.workers, pool.scheduler)
+        run_bench(folder, numbers, setting_from(setting), check_seeds(numbers, True), resources)
+        campaigns = bench_evidence(folder)
+        write_evidence(folder / "evidence.jsonl", campaigns)
     calibration = calibrate(campaigns)
-    write_weights(args.out, calibration, campaigns, sources())
+    write_weights(out, calibration, campaigns, sources())
     names = list(next(iter(calibration.figures.values())))
     print("campaigns left out".ljust(20) + "".join(f"{name:>26}" for name in names))
     for stratum, row in calibration.figures.items():
         print(stratum.ljust(20) + "".join(f"{row[name]:26.3f}" for name in names))
     print(f"models miss {calibration.relative:.1%} of a size")
-    print(f"written: {args.out}")
+    print(f"written: {out}")
     return 0

@@ -1,18 +1,35 @@
-"""``gap plan``: which effects a diagnosis with given sensors would name, and from which size."""
+"""Plan the sensors of a rig before anything is recorded: which effects a diagnosis would name with
+a probability of 90 %, from which size on, with what they are confused below it, which run
+is the most informative, and what one further sensor adds. Uses the Fisher information of the
+observations that `gap` forms, about the nominal gear at the operating points, and the judge of
+`gap`. Writes plan.json and plan.html.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import starmap
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from herringbone_sim.cli.gap import POINT
-from herringbone_sim.cli.options import add_file, add_number, add_out, progress
+from herringbone_sim.cli.options import (
+    Count,
+    Cycles,
+    File,
+    Names,
+    Out,
+    flattened,
+    names_of,
+    progress,
+)
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
-from herringbone_sim.gap.planning.plan import NAMED, Plan, plan
+from herringbone_sim.gap.planning.plan import Plan, plan
 from herringbone_sim.gap.planning.summary import (
     effect_summaries,
     named_effects,
@@ -27,13 +44,6 @@ from herringbone_sim.recording.rig import POINTS
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.plan import size, write_plan_page
 
-DESCRIPTION = f"""\
-Plan the sensors of a rig before anything is recorded: which effects a diagnosis would name with a
-probability of {NAMED:.0%}, from which size on, with what they are confused below it, which run is
-the most informative, and what one further sensor adds. Uses the Fisher information of the
-observations that `gap` forms, about the nominal gear at the operating points, and the judge of
-`gap`. Writes plan.json and plan.html.
-"""
 EXAMPLES = """\
 python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
     --also a_c --out plan
@@ -43,63 +53,58 @@ SAMPLES = 24  # per mesh cycle
 STEPS = 3  # of the progress of a plan
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add = parser.add_argument
-    add_file(parser, "--nominal", "parameters of the rig", required=True)
-    add("--sensors", required=True, metavar="NAMES", help="channels, such as u_s_L,u_s_R,u_c")
-    add(
-        "--noise",
-        default="40dB",
-        metavar="TEXT",
-        help="below the RMS of each channel, as 40dB, or by the beginning of a channel's name, as "
-        "40dB,u=1e-7,F_pin=30dB (numbers: RMS in SI units; default: 40dB)",
-    )
-    add(
-        "--points",
-        nargs="+",
-        default=[],
-        metavar="POINT",
-        help="operating points of the runs to fit, each as delta_T=75,K=0,T_1=300,Omega=0.95 "
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Sensors and runs that are planned."""
+
+    nominal: Annotated[File, "parameters of the rig"]
+    sensors: Annotated[Names, "channels, such as u_s_L,u_s_R,u_c"]
+    noise: Annotated[
+        str,
+        "TEXT",
+        "below the RMS of each channel, as 40dB, or by the beginning of a channel's name, as "
+        "40dB,u=1e-7,F_pin=30dB (numbers: RMS in SI units)",
+    ] = "40dB"
+    points: Annotated[
+        tuple[str, ...],
+        "POINT ...",
+        Parameter(consume_multiple=1),
+        "operating points of the runs to fit, each as delta_T=75,K=0,T_1=300,Omega=0.95 "
         f"(default: {RUNS} quiet and violent ones)",
-    )
-    add_number(parser, "--cycles", 120, "mesh cycles of a run", None)
-    add_number(parser, "--samples", SAMPLES, "samples of a mesh cycle", None)
-    add("--also", default="", metavar="NAMES", help="further channels, each tried by itself")
-    add_out(parser)
+    ] = ()
+    cycles: Annotated[Cycles, "mesh cycles of a run"] = 120
+    samples: Annotated[Count, "samples of a mesh cycle"] = SAMPLES
+    also: Annotated[Names, "further channels, each tried by itself"] = ()
+    out: Out
 
 
-def run(args: argparse.Namespace) -> int:
+def run(*, options: Options) -> int:
     """Plan, print the tables, write plan.json and plan.html; exit code 0."""
-    nominal = load_parameters(args.nominal).changed(
-        {"model": "full", "samples_per_cycle": args.samples}
+    nominal = load_parameters(options.nominal).changed(
+        {"model": "full", "samples_per_cycle": options.samples}
     )
-    sensors, also = names_of(args.sensors), names_of(args.also)
+    sensors = tuple(dict.fromkeys(options.sensors))
+    also = [name for name in dict.fromkeys(options.also) if name not in sensors]
     check_sensors(nominal.layout, [*sensors, *also])
-    points = [point_of(text, nominal) for text in args.points] or default_points()
-    noise = noise_of(args.noise)
-    make_folder(args.out)
+    points = [point_of(text, nominal) for text in options.points] or default_points()
+    noise = noise_of(options.noise)
+    make_folder(options.out)
     with progress(STEPS * (1 + len(also))) as step:
-        base = plan(nominal, points, sensors, noise, args.cycles, step)
+        base = plan(nominal, points, sensors, noise, options.cycles, step)
         further = {
-            name: plan(nominal, points, (*sensors, name), noise, args.cycles, step)
+            name: plan(nominal, points, (*sensors, name), noise, options.cycles, step)
             for name in also
-            if name not in sensors
         }
     print(table(base))
     if further:
         print(also_table(base, further))
-    content = plan_to_dict(base, points, args.cycles, further)
-    file = args.out / "plan.json"
+    content = plan_to_dict(base, points, options.cycles, further)
+    file = options.out / "plan.json"
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    page = write_plan_page(args.out, base, points, further, args.noise)
+    page = write_plan_page(options.out, base, points, further, options.noise)
     print(f"written: {file}, {page}")
     return 0
-
-
-def names_of(text: str) -> tuple[str, ...]:
-    """Names of a comma-separated list, without repetitions."""
-    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def noise_of(text: str) -> SensorNoise:

@@ -1,13 +1,19 @@
-"""``gap verify``: measure the augmented model of a diagnosis on further runs of the rig."""
+"""Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on further runs of the
+same rig, with the measures of its report: residual, prediction error over a horizon short
+against the Lyapunov time, distance of the attractors; each for the nominal model, the augmented
+one and the noise floor. Nothing is fitted, so every run of the campaign counts, whatever its role.
+Prints the numbers beside those of the report and writes verify.json and verify.html. The example
+continues that of `gap`.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import add_file, add_out, progress
+from herringbone_sim.cli.options import File, Folder, Out, progress
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.repeat import Repetition, repeat
 from herringbone_sim.gap.report_file import read_report
@@ -16,14 +22,6 @@ from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap.senses import write_verify_page
 
-DESCRIPTION = """\
-Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on further runs of the
-same rig, with the measures of its report: residual, prediction error over a horizon short
-against the Lyapunov time, distance of the attractors; each for the nominal model, the augmented
-one and the noise floor. Nothing is fitted, so every run of the campaign counts, whatever its role.
-Prints the numbers beside those of the report and writes verify.json and verify.html. The example
-continues that of `gap`.
-"""
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin_later --seed 7 --later 1 \\
     --effect pin_position@all/2/all:offset=1.5e-5
@@ -32,29 +30,27 @@ python -m herringbone_sim gap verify rigs/pin_later --nominal config/rig.yaml --
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN", help="folder of further runs")
-    add_file(parser, "--nominal", "parameters of the rig", required=True)
-    text = "folder that `gap` wrote"
-    parser.add_argument("--report", type=Path, required=True, metavar="DIR", help=text)
-    add_out(parser)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    campaign: Annotated[Path, "CAMPAIGN", "folder of further runs"],
+    /,
+    *,
+    nominal: Annotated[File, "parameters of the rig"],
+    report: Annotated[Folder, "folder that `gap` wrote"],
+    out: Out,
+) -> int:
     """Measure, print the table, and write verify.json and verify.html; exit code 0."""
-    report = read_report(args.report / "report.json")
-    own, actives = load_gear(args.report / "augmented.yaml")
-    nominal = load_parameters(args.nominal).changed({"model": "full"})
-    campaign = prepare(args.campaign, nominal)
-    make_folder(args.out)
-    with progress(1 + len(campaign.runs)) as step:
-        result = repeat(campaign, own, actives, report, step)
+    earlier = read_report(report / "report.json")
+    own, actives = load_gear(report / "augmented.yaml")
+    gear = load_parameters(nominal).changed({"model": "full"})
+    prepared = prepare(campaign, gear)
+    make_folder(out)
+    with progress(1 + len(prepared.runs)) as step:
+        result = repeat(prepared, own, actives, earlier, step)
     text = json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n"
-    (args.out / "verify.json").write_text(text, encoding="utf-8")
-    page = write_verify_page(result, args.out)
+    (out / "verify.json").write_text(text, encoding="utf-8")
+    page = write_verify_page(result, out)
     print(table(result))
-    print(f"written: {args.out / 'verify.json'}, {page}")
+    print(f"written: {out / 'verify.json'}, {page}")
     return 0
 
 

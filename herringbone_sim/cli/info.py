@@ -1,40 +1,32 @@
-"""``info``: what a recorded run holds, as a page or as JSON."""
+"""Show what a recorded run holds: its length, samples per second and per mesh cycle, operating
+point, every parameter that was changed while it ran, missing samples, and whether the file is
+whole. Takes runs of this simulator and of any rig with the same topics, finished or cut off,
+without ROS.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any
 
-from herringbone_sim.cli.options import add_run
+from herringbone_sim.cli.options import Run
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
 from herringbone_sim.views.tables.text import aligned
 
 MAX_LINES = 10  # of each list
-DESCRIPTION = """\
-Show what a recorded run holds: its length, samples per second and per mesh cycle, operating point,
-every parameter that was changed while it ran, missing samples, and whether the file is whole.
-Takes runs of this simulator and of any rig with the same topics, finished or cut off, without ROS.
-"""
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim info runs/first
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_run(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON, for other programs")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Print the summary of ``args.run``; RecordingError if it can't be read."""
-    info = recording_info(args.run)
-    print(as_json(info) if args.json else as_page(info))
+def run(run: Run, /, *, json: Annotated[bool, "print JSON, for other programs"] = False) -> int:
+    """Print the summary of a run; RecordingError if it can't be read."""
+    info = recording_info(run)
+    print(as_json(info) if json else as_page(info))
     return 0
 
 

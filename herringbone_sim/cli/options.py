@@ -1,16 +1,18 @@
-"""Command-line options, and the progress bar, that several verbs share."""
+"""Kinds of values and options that several verbs share, and the progress bar."""
 
 from __future__ import annotations
 
-import argparse
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
+from cyclopts import ArgumentCollection, Group, Parameter, Token
+from cyclopts.validators import Number
 from tqdm import tqdm
 
-from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.views.mirror.target import MirrorTarget
 
 NO_ROS = (
@@ -21,101 +23,92 @@ LETTERS = 48  # of a step in the progress bar
 FORMS = "spawn, connect[=HOST:PORT], serve[=[HOST:]PORT], save[=FILE.rrd]"
 MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
 
-
-def add_number(
-    parser: argparse._ActionsContainer,
-    option: str,
-    default: float,
-    text: str,
-    metavar: str | None = "N",
-) -> None:
-    """Add an option that takes a number of the type of ``default``; the help shows the default."""
-    parser.add_argument(
-        option, type=type(default), default=default, metavar=metavar, help=f"{text} [%(default)s]"
-    )
+flattened = Parameter(name="*")  # of a dataclass whose fields are options
 
 
-def add_file(
-    parser: argparse._ActionsContainer, option: str, text: str, required: bool = False
-) -> None:
-    """Add an option that takes a file name; None if it is optional and not given."""
-    parser.add_argument(option, type=Path, metavar="FILE", required=required, help=text)
+def limits(**limits: float) -> Parameter:
+    """Range of the number that an option takes, as ``gte=0, lt=1``."""
+    return Parameter(validator=Number(**limits))
 
 
-def add_out(
-    parser: argparse._ActionsContainer, text: str = "folder to write to; made if new"
-) -> None:
-    """Add the required option ``--out DIR``."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help=text)
+def one_of(title: str, least: int = 1) -> Parameter:
+    """Group of options of which one is given, or with ``least`` 0 at most one."""
+
+    def check(arguments: ArgumentCollection) -> None:
+        names = [argument.name for argument in arguments]
+        given = [argument.name for argument in arguments if argument.tokens]
+        if not least <= len(given) <= 1:
+            got = " and ".join(given) or "none"
+            raise ValueError(f"one of {', '.join(names)} must be given, got {got}")
+
+    return Parameter(group=Group(title, validator=check))
 
 
-def add_run(parser: argparse._ActionsContainer) -> None:
-    """Add the positional argument ``run``: a recorded run."""
-    parser.add_argument(
-        "run", type=Path, metavar="RUN", help="run folder, as runs/my_run, or a .mcap file"
-    )
+def _whole(_: Any, tokens: Sequence[Token]) -> int:
+    try:
+        return int(tokens[-1].value)
+    except ValueError:
+        raise ValueError("must be a whole number") from None
 
 
-def add_mesh(parser: argparse._ActionsContainer) -> None:
-    """Add ``--mesh NAME``: the mesh that figures show, None for the first."""
-    parser.add_argument(
-        "--mesh", metavar="NAME", help="mesh that the figures show, as sp_L (default: the first)"
-    )
+def names_of(text: str) -> tuple[str, ...]:
+    """Names of a comma-separated list."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def add_random_starts(parser: argparse._ActionsContainer, starts: int, transient: int) -> None:
-    """Add ``--starts``, ``--reach``, ``--transient`` and ``--seed`` of random initial states."""
-    add_number(parser, "--starts", starts, "random initial states")
-    add_number(parser, "--reach", 1.0, "largest |x| in b_c and |v| in b_c omega_n", "B")
-    add_number(parser, "--transient", transient, "mesh cycles to discard first")
-    add_number(parser, "--seed", 0, "of the random initial states")
+def _names(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    return names_of(tokens[-1].value)
 
 
-def add_seeds(parser: argparse._ActionsContainer) -> None:
-    """Add ``--seeds A:B`` of practice campaigns."""
-    text = "one campaign per seed: ranges that exclude their end, or lists"
-    parser.add_argument("--seeds", metavar="A:B", help=text)
+def _numbers(_: Any, tokens: Sequence[Token]) -> tuple[float, ...]:
+    try:
+        return tuple(float(number) for number in tokens[-1].value.split(","))
+    except ValueError:
+        raise ValueError("must be numbers, separated by commas") from None
 
 
-def add_workers(
-    parser: argparse._ActionsContainer, default: int | None = 2, scheduler: bool = False
-) -> None:
-    """Add ``--workers``, where None means all cores, and on demand ``--scheduler``."""
-    text = f"threads [{default}]" if default else "cores of this machine (default: all)"
-    parser.add_argument("--workers", type=int, default=default, metavar="N", help=text)
-    if scheduler:
-        text = "run on this Dask cluster instead, as tcp://HOST:8786"
-        parser.add_argument("--scheduler", metavar="ADDRESS", help=text)
+File = Annotated[Path, "FILE"]
+Folder = Annotated[Path, "DIR"]
+Count = Annotated[int, "N", Parameter(converter=_whole, validator=Number(gte=0))]
+Cycles = Annotated[Count, "CYCLES"]
+Low = Annotated[float, "LOW", Parameter(name="--from")]
+High = Annotated[float, "HIGH", Parameter(name="--to")]
+Names = Annotated[tuple[str, ...], "NAMES", Parameter(converter=_names, n_tokens=1)]
+Numbers = Annotated[tuple[float, ...], Parameter(converter=_numbers, n_tokens=1)]
+
+Out = Annotated[Folder, "folder to write to; made if new"]
+Run = Annotated[Path, "RUN", "run folder, as runs/my_run, or a .mcap file"]
+Mesh = Annotated[str | None, "NAME", "mesh that the figures show, as sp_L (default: the first)"]
+Workers = Annotated[Count, limits(gte=1), "threads"]
+Scheduler = Annotated[str | None, "ADDRESS", "Dask cluster to run on instead, as tcp://HOST:8786"]
+Seeds = Annotated[str | None, "A:B", "a campaign per seed: ranges without their end, or lists"]
+Starts = Annotated[Count, limits(gte=1), "random initial states"]
+Discarded = Annotated[Count, "mesh cycles to discard first"]
 
 
-def workers_from(args: argparse.Namespace) -> int:
-    """Number of threads; AnalysisError if it is less than 1."""
-    if args.workers is None:
-        return os.cpu_count() or 1
-    if args.workers < 1:
-        raise AnalysisError(f"--workers must be 1 or more, got {args.workers}")
-    return int(args.workers)
+@dataclass(frozen=True, kw_only=True)
+class RandomStarts:
+    """Random initial states; how many, and the transient, have defaults in the verbs."""
+
+    starts: Starts
+    reach: Annotated[
+        float, "B", limits(gt=0, lt=1e3), "largest |x| in b_c and |v| in b_c omega_n"
+    ] = 1.0
+    transient: Discarded
+    seed: Annotated[Count, "of the random initial states"] = 0
 
 
-def add_rerun_option(parser: argparse.ArgumentParser, default: str, file: str) -> None:
-    """Add ``--rerun [WHERE]``.
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pool:
+    """What runs many tasks: threads, or a cluster."""
 
-    Args:
-        default: value of the option without an argument.
-        file: name of the file that ``save`` writes, for the help.
-    """
-    parser.add_argument(
-        "--rerun",
-        nargs="?",
-        const=default,
-        default="",
-        metavar="WHERE",
-        help=f"mirror to the Rerun viewer: {FORMS} [{default}; save writes {file}]",
-    )
+    workers: Workers = 2
+    scheduler: Scheduler = None
 
 
-def mirror_target(text: str, file: Path) -> MirrorTarget | None:
-    """Target of the value of ``--rerun``; None if it is empty.
+def mirror_target(text: str | None, file: Path) -> MirrorTarget | None:
+    """Target of the value of ``--rerun``; None if there is none.
 
     Args:
         file: written by ``save`` without a name.

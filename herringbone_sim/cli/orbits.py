@@ -1,31 +1,4 @@
-"""``orbits``: periodic orbits over a parameter, stable or not, with their boundaries named."""
-
-from __future__ import annotations
-
-import argparse
-
-from tqdm import tqdm
-
-from herringbone_sim.cli.options import add_mesh, add_number, add_out
-from herringbone_sim.cli.parameter_options import (
-    add_parameter_options,
-    gear_from,
-    print_gear_notes,
-)
-from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
-from herringbone_sim.dynamics.flow import GearFlow
-from herringbone_sim.dynamics.gear_family import SWEPT, GearCache, gear_family
-from herringbone_sim.dynamics.starts import find_start
-from herringbone_sim.errors import ParameterError
-from herringbone_sim.sweeps.output import make_folder
-from herringbone_sim.views.figures.orbits import orbit_figure
-from herringbone_sim.views.figures.style import save
-from herringbone_sim.views.tables.orbits import summary, write_orbits
-
-MAX_PERIOD = 64
-DESCRIPTION = """\
-Follow a periodic orbit over a parameter by pseudo-arclength continuation, through its folds and
+"""Follow a periodic orbit over a parameter by pseudo-arclength continuation, through its folds and
 where it is unstable, and the orbits of twice the period that leave it. Every boundary is located
 and named:
 
@@ -39,59 +12,93 @@ and named:
 DIR then holds orbits.png and .svg, branches.csv (one line an orbit), sections.csv (its states at
 phase 0) and boundaries.csv.
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cyclopts import Parameter, Token
+from tqdm import tqdm
+
+from herringbone_sim.cli.options import Count, Cycles, High, Low, Mesh, Out, flattened
+from herringbone_sim.cli.parameter_options import GearOptions, gear_from, print_gear_notes
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
+from herringbone_sim.dynamics.flow import GearFlow
+from herringbone_sim.dynamics.gear_family import SWEPT, GearCache, gear_family
+from herringbone_sim.dynamics.starts import find_start
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.output import make_folder
+from herringbone_sim.views.figures.orbits import orbit_figure
+from herringbone_sim.views.figures.style import save
+from herringbone_sim.views.tables.orbits import summary, write_orbits
+
+MAX_PERIOD = 64
+Start = tuple[float, int | None]  # value, and periods of the forcing
 EXAMPLES = """\
 python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 \\
     --parameters config/paper.yaml --out orbits
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_parameter_options(parser)
-    add = parser.add_argument
-    add("--over", required=True, choices=SWEPT, metavar="NAME", help=", ".join(SWEPT))
-    add("--from", dest="low", type=float, required=True, metavar="LOW", help="end of the range")
-    add("--to", dest="high", type=float, required=True, metavar="HIGH", help="its other end")
-    add(
-        "--start",
-        type=_start,
-        nargs="+",
-        required=True,
-        metavar="VALUE[:N]",
-        help="value at which an orbit is sought: the motion there, which must be periodic, or "
+def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
+    """Values and periods of texts such as ``85`` or ``85:2``; None without a period."""
+    pairs = [token.value.partition(":") for token in tokens]
+    try:
+        starts = tuple((float(value), int(n) if n else None) for value, _, n in pairs)
+    except ValueError:
+        raise ValueError("must be values such as 85 or 85:2") from None
+    if any(n is not None and not 1 <= n <= MAX_PERIOD for _, n in starts):
+        raise ValueError(f"must have a period in 1 .. {MAX_PERIOD}")
+    return starts
+
+
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Range and starts of the orbits."""
+
+    over: Annotated[str, Parameter(choices=SWEPT), "parameter"]
+    low: Annotated[Low, "end of the range"]
+    high: Annotated[High, "its other end"]
+    start: Annotated[
+        tuple[Start, ...],
+        "VALUE[:N] ...",
+        Parameter(converter=_starts, consume_multiple=1, n_tokens=1),
+        "value at which an orbit is sought: the motion there, which must be periodic, or "
         "with :N an orbit of N periods of the forcing near it, stable or not",
-    )
-    add_number(parser, "--max-period", 4, "largest period of doubled orbits")
-    add("--asymmetric", action="store_true", help="follow orbits whose left and right differ too")
-    text = "mesh cycles to discard before an orbit is sought at --start"
-    add_number(parser, "--settle", 1000, text, "CYCLES")
-    add_mesh(parser)
-    add_out(parser)
+    ]
+    max_period: Annotated[Count, "largest period of doubled orbits"] = 4
+    asymmetric: Annotated[bool, "follow orbits whose left and right differ too"] = False
+    settle: Annotated[Cycles, "mesh cycles to discard before an orbit is sought at --start"] = 1000
+    mesh: Mesh = None
+    out: Out
 
 
-def run(args: argparse.Namespace) -> int:
+def run(*, gear: GearOptions = GearOptions(), options: Options) -> int:
     """Follow the orbits, write tables and figure, print a summary; exit code 0.
 
     Raises:
         ParameterError: a gear that can't be built, no such mesh, or a start out of range.
         AnalysisError: no orbit at a start.
     """
-    p, actives = gear_from(args)
-    family, watch = gear_family(p, args.over, args.low, args.high, actives)
-    mesh, gears = _mesh(args.mesh, p), GearCache(p, args.over, actives)
-    _print_notes(gears(args.low))
-    starts = [(v, find_start(gears, family, v, n, args.settle)) for v, n in args.start]
-    make_folder(args.out)
-    options = CascadeOptions(max_period=args.max_period, asymmetric=args.asymmetric)
-
+    (p, actives), over, out = gear_from(gear), options.over, options.out
+    family, watch = gear_family(p, over, options.low, options.high, actives)
+    mesh, gears = _mesh(options.mesh, p), GearCache(p, over, actives)
+    _print_notes(gears(options.low))
+    starts = [(v, find_start(gears, family, v, n, options.settle)) for v, n in options.start]
+    make_folder(out)
+    cascade = CascadeOptions(max_period=options.max_period, asymmetric=options.asymmetric)
     with tqdm(desc="branches", unit="", disable=None) as bar:
-        branches = trace_cascade(family, starts, watch, options, lambda _: bar.update())
-    write_orbits(args.out, branches, p)
-    save(orbit_figure(branches, args.over, mesh, p.layout.meshes[mesh]), args.out, "orbits")
-    print(summary(branches, args.over))
-    if len(branches) == options.branches:
+        branches = trace_cascade(family, starts, watch, cascade, lambda _: bar.update())
+    write_orbits(out, branches, p)
+    save(orbit_figure(branches, over, mesh, p.layout.meshes[mesh]), out, "orbits")
+    print(summary(branches, over))
+    if len(branches) == cascade.branches:
         print(f"stopped at {len(branches)} branches: lower --max-period, or the range")
-    print(f"written: {args.out / 'orbits.png'}")
+    print(f"written: {out / 'orbits.png'}")
     return 0
 
 
@@ -106,12 +113,3 @@ def _mesh(name: str | None, p: Parameters) -> int:
     if name is not None and name not in meshes:
         raise ParameterError(f"--mesh must be one of {', '.join(meshes)}, got {name!r}")
     return meshes.index(name) if name else 0
-
-
-def _start(text: str) -> tuple[float, int | None]:
-    """Value and period of a text such as ``85`` or ``85:2``; None without a period."""
-    value, _, period = text.partition(":")
-    n = int(period) if period else None
-    if n is not None and not 1 <= n <= MAX_PERIOD:
-        raise argparse.ArgumentTypeError(f"the period must lie in 1 .. {MAX_PERIOD}, got {n}")
-    return float(value), n

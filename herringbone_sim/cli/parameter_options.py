@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from herringbone_sim.cli.options import add_file
+from herringbone_sim.cli.options import File, flattened
 from herringbone_sim.core.mirror import has_equal_halves
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
@@ -20,55 +20,49 @@ UNEQUAL_HALVES = (
     "left and right of this gear are not alike: both are integrated, and there are no exponents "
     "within symmetry and across it"
 )
+Changes = Annotated[
+    tuple[str, ...],
+    "NAME=VALUE",
+    "change a parameter, once or more; a list has commas: k_amp=0.25,0.1",
+]
+Effects = Annotated[
+    str | None,
+    "TEXT",
+    "effects of the gear, instead of those in the file, such as "
+    "'tooth_crack@sp/all/L:depth=0.3; runout@rp:amplitude=2e-5,member=ring'; '' for none",
+]
 
 
-def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--parameters``, ``--set`` and ``--effects``; ``gear_from`` reads them."""
-    text = "parameter file, such as config/paper.yaml (default: the nominal rig)"
-    add_file(parser, "--parameters", text)
-    add_set_option(parser)
-    add_effects_option(parser)
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GearOptions:
+    """The gear that a verb works on; ``gear_from`` reads it."""
+
+    parameters: Annotated[
+        File | None, "parameter file, such as config/paper.yaml (default: the nominal rig)"
+    ] = None
+    set: Changes = ()
+    effects: Effects = None
 
 
-def add_set_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--set``; ``settings`` reads it."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change a parameter, once or more; a list has commas: k_amp=0.25,0.1",
-    )
-
-
-def add_effects_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--effects``; ``effects_from`` reads it."""
-    parser.add_argument(
-        "--effects",
-        metavar="TEXT",
-        help="effects of the gear, instead of those in the file, such as "
-        "'tooth_crack@sp/all/L:depth=0.3; runout@rp:amplitude=2e-5,member=ring'; '' for none",
-    )
-
-
-def gear_from(args: argparse.Namespace) -> tuple[Parameters, tuple[Active, ...]]:
+def gear_from(gear: GearOptions) -> tuple[Parameters, tuple[Active, ...]]:
     """Parameters of the file changed by ``--set``; effects of the option, else of the file.
 
     Raises:
         ParameterError: no such file, name or effect, or a value out of range.
     """
-    base, actives = load_gear(args.parameters) if args.parameters else (Parameters(), ())
-    return base.changed(settings(args.set)), effects_from(args, actives)
+    base, actives = load_gear(gear.parameters) if gear.parameters else (Parameters(), ())
+    return base.changed(settings(gear.set)), effects_from(gear.effects, actives)
 
 
-def effects_from(args: argparse.Namespace, of_file: tuple[Active, ...]) -> tuple[Active, ...]:
+def effects_from(text: str | None, of_file: tuple[Active, ...]) -> tuple[Active, ...]:
     """Effects of ``--effects``, else those of the file; ParameterError for an unknown effect."""
-    return of_file if args.effects is None else read_effects(args.effects)
+    return of_file if text is None else read_effects(text)
 
 
-def model_from(args: argparse.Namespace) -> Model:
+def model_from(gear: GearOptions) -> Model:
     """Model of the gear of ``gear_from``; ParameterError if it can't be built."""
-    return build_with(*gear_from(args))
+    return build_with(*gear_from(gear))
 
 
 def print_gear_notes(model: Model) -> None:

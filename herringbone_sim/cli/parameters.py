@@ -1,12 +1,16 @@
-"""``parameters``: every parameter with its unit, default, range and meaning."""
+"""List every parameter of the model: name, default, unit, range or choices, meaning with its
+equation in the paper. A star marks those that may change while the node runs; the others are set
+in a parameter file such as config/rig.yaml. Those of the node itself (real_time_factor, record,
+mirror, ...) are in docs/ros2.md.
+"""
 
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import add_file
+from herringbone_sim.cli.options import File
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, meaning, names, obstacle_text, obstacles
 from herringbone_sim.effects.sensors import check_effects
@@ -14,30 +18,23 @@ from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.node_parameters import gear_of_node
 
-DESCRIPTION = """\
-List every parameter of the model: name, default, unit, range or choices, meaning with its equation
-in the paper. A star marks those that may change while the node runs; the others are set in a
-parameter file such as config/rig.yaml. Those of the node itself (real_time_factor, record,
-mirror, ...) are in docs/ros2.md.
-"""
 EXAMPLES = """\
 python -m herringbone_sim parameters
 python -m herringbone_sim parameters --check config/rig.yaml
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    text = "instead: read a parameter file, describe its gear, and print what is unusual about it"
-    add_file(parser, "--check", text)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    check: Annotated[
+        File | None, "instead: read a parameter file, describe its gear and what is unusual in it"
+    ] = None,
+) -> int:
     """Print the table, or check a file; exit code 0."""
-    return check(args.check) if args.check else print_table()
+    return check_file(check) if check else print_table()
 
 
-def check(file: Path) -> int:
+def check_file(file: Path) -> int:
     """Print the gear that a node gets from a parameter file, and the warnings it would give.
 
     Raises:

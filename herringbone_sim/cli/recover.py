@@ -1,40 +1,35 @@
-"""``recover``: repair a run whose recording was cut off."""
-
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from herringbone_sim.cli.options import add_run
-from herringbone_sim.errors import listed
-from herringbone_sim.recording.recover import RecoveryReport, recover
-
-DESCRIPTION = """\
-Repair a run whose recording was cut off by a kill, a power cut or a full disk: keep every whole
+"""Repair a run whose recording was cut off by a kill, a power cut or a full disk: keep every whole
 message, rebuild the index and metadata.yaml, so that ROS tools open it, and print what is
 missing. The cut file stays beside it as NAME_0.mcap.cut if anything in it had to be left
 out. A finished run is left as it is.
 """
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from herringbone_sim.cli.options import Folder, Run
+from herringbone_sim.errors import listed
+from herringbone_sim.recording.recover import RecoveryReport, recover
+
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim recover runs/first
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_run(parser)
-    text = "new folder for the recovered run; without it the run itself is repaired"
-    parser.add_argument("--out", type=Path, metavar="DIR", help=text)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Recover ``args.run`` and print the result; exit code 1 if it holds no samples.
+def run(
+    run: Run,
+    /,
+    *,
+    out: Annotated[Folder | None, "new folder; without it the run itself is repaired"] = None,
+) -> int:
+    """Recover a run and print the result; exit code 1 if it holds no samples.
 
     Raises:
         RecordingError: the run can't be recovered.
     """
-    report = recover(args.run, args.out)
+    report = recover(run, out)
     print(as_text(report))
     return 0 if report.samples else 1
 

@@ -1,104 +1,90 @@
-"""``replay``: integrate a run again and compare, or send it over the topics."""
-
-from __future__ import annotations
-
-import argparse
-import signal
-
-from herringbone_sim.cli.options import add_number, add_run
-from herringbone_sim.errors import ParameterError
-from herringbone_sim.recording.reader import Recording, read_recording
-from herringbone_sim.replay import verify
-
-DESCRIPTION = """\
-Repeat a recorded run.
+"""Repeat a recorded run.
 
 --verify   integrates it again from its recorded parameters, initial state and every recorded
            change, and compares every bit of every sample (needs no ROS);
 --publish  sends the recording over the topics of the node, at a chosen speed (needs ROS 2).
 """
+
+from __future__ import annotations
+
+import signal
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from herringbone_sim.cli.arguments import Alone
+from herringbone_sim.cli.options import Run, limits, one_of
+from herringbone_sim.errors import ParameterError
+from herringbone_sim.recording.reader import Recording, read_recording
+from herringbone_sim.replay import verify as verify_recording
+
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim replay runs/first --verify
 python -m herringbone_sim replay runs/first --publish
 """
-# Defaults of the options of --publish.
-PUBLISH_DEFAULTS = {
-    "speed": 1.0,
-    "start": 0.0,
-    "loop": False,
-    "clock": None,
-    "node_name": "herringbone_sim",
-}
+CLOCK_HZ = "40"
+WHAT = one_of("what to do, one of")
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_run(parser)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--verify", action="store_true", help="integrate again and compare")
-    what.add_argument("--publish", action="store_true", help="send over the topics")
-    _add_publishing(parser.add_argument_group("with --publish"))
-
-
-def _add_publishing(group: argparse._ArgumentGroup) -> None:
+@Parameter(name="*", group="with --publish")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sending:
     """Options as ``ros2 bag play`` has them."""
-    add = group.add_argument
-    add_number(group, "--speed", 1.0, "recorded over wall time", None)
-    add(
-        "--start",
-        "--start-offset",
-        type=float,
-        default=0.0,
-        metavar="SECONDS",
-        help="offset from the beginning of the run [%(default)s]",
-    )
-    add("-l", "--loop", action="store_true", help="repeat until Ctrl-C")
-    add(
-        "--clock",
-        type=float,
-        nargs="?",
-        const=40.0,
-        metavar="HZ",
-        help="send the time of the recording on /clock as well, %(const)s times a second",
-    )
-    add("--node-name", default="herringbone_sim", help="prefix of the topics [%(default)s]")
+
+    speed: Annotated[float, "FACTOR", "recorded over wall time"] = 1.0
+    start: Annotated[
+        float, "SECONDS", Parameter(alias="--start-offset"), "offset from the beginning of the run"
+    ] = 0.0
+    loop: Annotated[bool, Parameter(alias="-l"), "repeat until Ctrl-C"] = False
+    clock: Annotated[
+        float | None,
+        "[HZ]",
+        Alone(CLOCK_HZ),
+        limits(gt=0.0),
+        f"send the time of the recording on /clock as well, {CLOCK_HZ} times a second if no "
+        "rate is given",
+    ] = None
+    node_name: Annotated[str, "NAME", "prefix of the topics"] = "herringbone_sim"
 
 
-def run(args: argparse.Namespace) -> int:
+def run(
+    run: Run,
+    /,
+    *,
+    verify: Annotated[bool, WHAT, "integrate again and compare"] = False,
+    publish: Annotated[bool, WHAT, "send over the topics"] = False,
+    sending: Sending = Sending(),
+) -> int:
     """Repeat or publish the run.
 
     Exit code 0; 1 if the repetition differs; 128 plus the signal that ended the publishing.
     """
-    _check_publishing(args)
-    recording = read_recording(args.run)
-    for note in recording.notes:
-        print(f"note: {note}")
-    return _publish(recording, args) if args.publish else _verify(recording)
-
-
-def _check_publishing(args: argparse.Namespace) -> None:
-    """ParameterError if an option of --publish is given with --verify."""
-    given = [name for name, default in PUBLISH_DEFAULTS.items() if getattr(args, name) != default]
-    if args.verify and given:
+    given = [
+        field.name for field in fields(sending) if getattr(sending, field.name) != field.default
+    ]
+    if verify and given:
         words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ParameterError(f"{words} must come with --publish, got --verify: leave it out")
+    recording = read_recording(run)
+    for note in recording.notes:
+        print(f"note: {note}")
+    return _publish(recording, sending) if publish else _verify(recording)
 
 
-def _publish(recording: Recording, args: argparse.Namespace) -> int:
+def _publish(recording: Recording, sending: Sending) -> int:
     from herringbone_sim.ros.replay import Playing, publish
 
-    if args.clock is not None and not args.clock > 0.0:
-        raise ParameterError(f"--clock must be positive, got {args.clock}: 40 is usual")
-    playing = Playing(args.speed, args.start, args.loop, args.clock or 0.0)
-    sent = publish(recording, playing, args.node_name)
+    playing = Playing(sending.speed, sending.start, sending.loop, sending.clock or 0.0)
+    sent = publish(recording, playing, sending.node_name)
     ended = f"; ended by {signal.Signals(sent.signal).name}" if sent.signal else ""
     print(f"{recording.name}: {sent.samples} of {sent.of} samples sent{ended}")
     return 128 + sent.signal if sent.signal else 0
 
 
 def _verify(recording: Recording) -> int:
-    verdict = verify(recording)
+    verdict = verify_recording(recording)
     about = f"{verdict.samples} samples, {verdict.changes} parameter changes"
     if verdict.identical:
         print(f"{recording.name}: identical to the bit ({about})")

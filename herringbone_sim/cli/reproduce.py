@@ -1,20 +1,21 @@
-"""``reproduce``: recompute figures 5 to 20 of the paper and check its statements."""
+"""Run the sweeps behind Figs. 5 to 20 of the paper, find the boundaries between the motions by
+bisection, and compare each statement of the paper with the result. Writes index.html,
+statements.csv, dependence.csv and figures/ into DIR. Finished runs are stored in DIR/data: repeat
+the command to continue one that was stopped.
+"""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
-from herringbone_sim.cli.options import add_file, add_number, add_out, add_workers, workers_from
-from herringbone_sim.cli.parameter_options import (
-    add_effects_option,
-    effects_from,
-    print_gear_notes,
-)
+from herringbone_sim.cli.options import Count, File, Out, Workers, flattened, limits
+from herringbone_sim.cli.parameter_options import Effects, effects_from, print_gear_notes
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
@@ -41,90 +42,84 @@ from herringbone_sim.views.pages.paper import ScenarioFigures, page
 from herringbone_sim.views.tables.csv_file import write_csv
 
 SHARES = ("share_before", "share_after")
-DESCRIPTION = """\
-Run the sweeps behind Figs. 5 to 20 of the paper, find the boundaries between the motions by
-bisection, and compare each statement of the paper with the result. Writes index.html,
-statements.csv, dependence.csv and figures/ into DIR. Finished runs are stored in DIR/data: repeat
-the command to continue one that was stopped.
-"""
+OPEN = "values of the parameters that the paper leaves open (default: config/paper.yaml)"
+PRINTED_XI = f"damping ratio of section 4, scenarios C to E; {SECTION_4_XI_PRINTED:g} is printed"
 EXAMPLES = """\
 python -m herringbone_sim reproduce --only A --compared 0 --out fig05
 python -m herringbone_sim reproduce --out reproduction
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add = parser.add_argument
-    add_out(parser)
-    add("--only", default="ABCDE", metavar="LETTERS", help="scenarios (default: ABCDE)")
-    add_number(parser, "--values", 400, "values of a sweep")
-    text = "values of a sweep from other starts and with other steps; 0 for none"
-    add_number(parser, "--compared", 100, text)
-    text = "values of the parameters that the paper leaves open (default: config/paper.yaml)"
-    add_file(parser, "--parameters", text)
-    add(
-        "--xi",
-        type=float,
-        default=SECTION_4_XI,
-        help=f"damping ratio of section 4, scenarios C to E; {SECTION_4_XI_PRINTED:g} is printed "
-        f"(default: {SECTION_4_XI:g})",
-    )
-    add_effects_option(parser)
-    add_workers(parser)
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepSizes:
+    """Number of values of the sweeps."""
+
+    values: Annotated[Count, limits(gte=2), "values of a sweep"] = 400
+    compared: Annotated[
+        Count, "values of a sweep from other starts and with other steps; 0 for none"
+    ] = 100
 
 
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    out: Out,
+    only: Annotated[str, "LETTERS", "scenarios"] = "ABCDE",
+    sizes: SweepSizes = SweepSizes(),
+    parameters: Annotated[File | None, OPEN] = None,
+    xi: Annotated[float, "XI", PRINTED_XI] = SECTION_4_XI,
+    effects: Effects = None,
+    workers: Workers = 2,
+) -> int:
     """Run the scenarios, write page, tables and figures, print the statements; exit code 0."""
-    _check(args)
-    scenarios = reproduction.scenarios_of(args.only)
-    base, of_file = load_gear(args.parameters or config("paper.yaml"))
-    reading = Reading(base, args.xi, effects_from(args, of_file))
+    if sizes.compared == 1:
+        raise AnalysisError("--compared must be 2 or more, or 0 for none, got 1")
+    scenarios = reproduction.scenarios_of(only)
+    base, of_file = load_gear(parameters or config("paper.yaml"))
+    reading = Reading(base, xi, effects_from(effects, of_file))
     print_gear_notes(build_with(base, reading.effects))
-    workers = workers_from(args)
-    make_folder(args.out / "figures")
-    with tqdm(total=_total(scenarios, args), unit="run", disable=None, smoothing=0.05) as bar:
-        runner = BatchRunner(args.out / "data", workers, bar.update)
-        sweeps = reproduction.sweeps(runner, scenarios, reading, args.values)
+    make_folder(out / "figures")
+    with tqdm(total=_total(scenarios, sizes), unit="run", disable=None, smoothing=0.05) as bar:
+        runner = BatchRunner(out / "data", workers, bar.update)
+        sweeps = reproduction.sweeps(runner, scenarios, reading, sizes.values)
         points = reproduction.points(runner, scenarios, reading)
         evidence = {
             s.key: reproduction.evidence(runner, s, reading, sweeps[s.key], points)
             for s in scenarios
         }
         rows: Mapping[str, Mapping[str, Sweep]] = {}
-        if args.compared:
-            rows = reproduction.compared(runner, scenarios, reading, args.compared, sweeps)
+        if sizes.compared:
+            rows = reproduction.compared(runner, scenarios, reading, sizes.compared, sweeps)
     checked = reproduction.checked(evidence)
     compared = reproduction.compared_boundaries(rows)
-    _write_tables(args.out, checked, compared)
-    parts = _draw(args.out, scenarios, sweeps, points, rows)
-    facts = _facts(args, reading, checked)
+    _write_tables(out, checked, compared)
+    parts = _draw(out, scenarios, sweeps, points, rows)
+    facts = _facts(f"{parameters or 'config/paper.yaml'}", sizes.values, reading, checked)
     html = page(facts, parts, checked, compared)
-    (args.out / "index.html").write_text(html, encoding="utf-8")
-    for line in (*_table(checked), *facts, f"written: {args.out / 'index.html'}"):
+    (out / "index.html").write_text(html, encoding="utf-8")
+    for line in (*_table(checked), *facts, f"written: {out / 'index.html'}"):
         print(line)
     return 0
 
 
-def _total(scenarios: Sequence[Scenario], args: argparse.Namespace) -> int:
+def _total(scenarios: Sequence[Scenario], sizes: SweepSizes) -> int:
     """Number of runs if every boundary can be bisected."""
-    each: int = args.values
-    if args.compared:
-        each += reproduction.compared_runs(args.compared)
+    each = sizes.values
+    if sizes.compared:
+        each += reproduction.compared_runs(sizes.compared)
     bisected = sum(map(reproduction.bisected_runs, scenarios))
     return len(scenarios) * each + bisected + reproduction.point_runs(scenarios)
 
 
-def _facts(args: argparse.Namespace, reading: Reading, checked: Sequence[Checked]) -> list[str]:
+def _facts(file: str, values: int, reading: Reading, checked: Sequence[Checked]) -> list[str]:
     p, right = reading.parameters, sum(c.obtained.ok for c in checked)
     torque = scales(p).control_torque_n_m(0.3)
     return [
         f"{right} of {len(checked)} statements right",
-        f"reading: {args.parameters or 'config/paper.yaml'}, b_c = {p.b_c:g} m, gamma = "
-        f"{p.gamma:g} /K, alpha' = {p.alpha_w:g} deg",
+        f"reading: {file}, b_c = {p.b_c:g} m, gamma = {p.gamma:g} /K, alpha' = {p.alpha_w:g} deg",
         f"xi of section 4: {reading.xi:g} (printed: {SECTION_4_XI_PRINTED:g})",
         *([f"with effects: {effects_text(reading.effects)}"] if reading.effects else []),
-        f"{args.values} values a sweep",
+        f"{values} values a sweep",
         f"K = 0.3 is a torque of {torque:.3g} N m on the carrier",
     ]
 
@@ -201,11 +196,3 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
 def file_name(figure: str) -> str:
     """File name of a figure of the paper: ``fig07`` of ``Fig. 7``."""
     return f"fig{int(figure.split()[-1]):02d}"
-
-
-def _check(args: argparse.Namespace) -> None:
-    """AnalysisError if a sweep has less than two values."""
-    if args.values < 2:
-        raise AnalysisError(f"--values must be 2 or more, got {args.values}")
-    if args.compared < 2 and args.compared != 0:
-        raise AnalysisError(f"--compared must be 2 or more, or 0 for none, got {args.compared}")

@@ -1,19 +1,20 @@
-"""``run``: the ROS 2 node."""
+"""Start the simulator node; Ctrl-C ends it. All after --ros-args goes to ROS 2. The parameters,
+with unit, meaning and range, are listed by the verb `parameters`.
+"""
 
 from __future__ import annotations
 
-import argparse
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from herringbone_sim.cli.options import NO_ROS, add_file
+from cyclopts import Parameter
+
+from herringbone_sim.cli.options import NO_ROS, File
 from herringbone_sim.recording.parameter_file import ros_text
 from herringbone_sim.version import VERSION
 
-DESCRIPTION = """\
-Start the simulator node; Ctrl-C ends it. All after --ros-args goes to ROS 2. The parameters, with
-unit, meaning and range, are listed by the verb `parameters`.
-"""
 EXAMPLES = """\
 python -m herringbone_sim run
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
@@ -22,25 +23,27 @@ python -m herringbone_sim run --parameters config/paper.yaml --ros-args \\
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    text = "parameter file, also with effects as a list; what follows --ros-args wins"
-    add_file(parser, "--parameters", text)
-    parser.add_argument("--version", action="version", version=VERSION)
-    parser.set_defaults(of_ros=[])
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    parameters: Annotated[
+        File | None, "parameter file, also with effects as a list; what follows --ros-args wins"
+    ] = None,
+    version: Annotated[bool, "print the version instead"] = False,
+    of_ros: Annotated[Sequence[str], Parameter(parse=False)] = (),
+) -> int:
     """Run the node until it ends; its exit code, 2 without ROS."""
+    if version:
+        print(VERSION)
+        return 0
     try:
         from herringbone_sim.ros.main import main
     except ImportError as error:
         print(NO_ROS.format(error=error))
         return 2
-    if args.parameters is None:
-        return main(["herringbone_sim", *args.of_ros])
+    if parameters is None:
+        return main(["herringbone_sim", *of_ros])
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "parameters.yaml"
-        file.write_text(ros_text(args.parameters), encoding="utf-8")
+        file.write_text(ros_text(parameters), encoding="utf-8")
         of_file = ["--ros-args", "--params-file", str(file), "--"]
-        return main(["herringbone_sim", *of_file, *args.of_ros])
+        return main(["herringbone_sim", *of_file, *of_ros])

@@ -1,18 +1,4 @@
-"""``show``: draw a recording in the Rerun viewer, a .rrd file or a picture."""
-
-from __future__ import annotations
-
-import argparse
-import sys
-import tempfile
-import time
-from pathlib import Path
-
-from herringbone_sim.cli.options import add_mesh, add_number, add_run
-from herringbone_sim.errors import HerringboneError, ParameterError
-
-DESCRIPTION = """\
-Show a recorded run as the live mirror shows a running one: displacements and forces over time,
+"""Show a recorded run as the live mirror shows a running one: displacements and forces over time,
 phase portrait, stroboscopic section, bifurcation over the parameter that was changed last,
 contact states, parameters and events. Takes any rosbag2 MCAP bag with a `samples` topic, with any
 subset of the channels.
@@ -21,67 +7,78 @@ Long runs are thinned: each of at most --blocks blocks shows its last --burst me
 rate, and all of its section points. Without parameters in the recording there is no backlash to
 compare with; --nominal takes that of the nominal rig. A picture needs no screen.
 """
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from herringbone_sim.cli.arguments import Alone
+from herringbone_sim.cli.options import Count, Cycles, Mesh, Run, flattened, one_of
+from herringbone_sim.errors import HerringboneError, ParameterError
+
 EXAMPLES = """\
 python -m herringbone_sim run --ros-args -p record:=true -p record_name:=first
 python -m herringbone_sim show runs/first
 python -m herringbone_sim show runs/first --save first.rrd --screenshot first.png
 """
+PORT = "9876"
+TARGET = one_of("where, at most one of", least=0)
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_run(parser)
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--spawn", action="store_true", help="open a viewer (the default)")
-    where.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a file for `rerun`")
-    where.add_argument(
-        "--serve",
-        nargs="?",
-        const="9876",
-        metavar="[HOST:]PORT",
-        help="wait for viewers of this machine at a port, 9876 by default, until Ctrl-C; HOST is "
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Where a run is shown, the picture, and the thinning of long runs."""
+
+    spawn: Annotated[bool, TARGET, "open a viewer (the default)"] = False
+    save: Annotated[Path | None, "FILE.rrd", TARGET, "write a file for `rerun`"] = None
+    serve: Annotated[
+        str | None,
+        "[[HOST:]PORT]",
+        Alone(PORT),
+        TARGET,
+        "wait for viewers of this machine at a port, 9876 by default, until Ctrl-C; HOST is "
         "0.0.0.0 for those of other machines too",
-    )
-    where.add_argument("--connect", metavar="HOST:PORT", help="send to a viewer that is open")
-    add_drawing_options(parser)
+    ] = None
+    connect: Annotated[str | None, "HOST:PORT", TARGET, "send to a viewer that is open"] = None
+    screenshot: Annotated[Path | None, "PNG", "also draw a picture"] = None
+    size: Annotated[str, "WxH", "of the picture"] = "1400x900"
+    mesh: Mesh = None
+    nominal: Annotated[
+        bool, "scale and backlash of the nominal rig when the recording has no parameters"
+    ] = False
+    burst: Annotated[Cycles, "mesh cycles of a block at full rate"] = 20
+    blocks: Annotated[Count, "largest number of blocks"] = 400
 
 
-def add_drawing_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the picture and of the thinning of long runs."""
-    parser.add_argument("--screenshot", type=Path, metavar="PNG", help="also draw a picture")
-    parser.add_argument(
-        "--size", default="1400x900", metavar="WxH", help="of the picture [%(default)s]"
-    )
-    add_mesh(parser)
-    parser.add_argument(
-        "--nominal",
-        action="store_true",
-        help="scale and backlash of the nominal rig when the recording has no parameters",
-    )
-    add_number(parser, "--burst", 20, "mesh cycles of a block at full rate", "CYCLES")
-    add_number(parser, "--blocks", 400, "largest number of blocks")
-
-
-def run(args: argparse.Namespace) -> int:
+def run(run: Run, /, *, options: Options = Options()) -> int:
     """Show the run; exit code 0, HerringboneError if the viewer did not take all of it."""
-    size = parse_size(args.size)
+    size, mode = parse_size(options.size), mode_of(options)
     with tempfile.TemporaryDirectory() as folder:
-        rrd = args.save or Path(folder) / "run.rrd"
-        picture_only = args.screenshot and not (args.spawn or args.serve or args.connect)
-        mirror_run(args, "save" if args.save or picture_only else mode_of(args), rrd)
-        if args.screenshot:
-            if not (args.save or picture_only):
-                mirror_run(args, "save", rrd)
-            draw(rrd, args.screenshot, size)
+        rrd = options.save or Path(folder) / "run.rrd"
+        mirror_run(run, options, mode, rrd)
+        if options.screenshot:
+            if mode != "save":
+                mirror_run(run, options, "save", rrd)
+            draw(rrd, options.screenshot, size)
     return 0
 
 
-def mode_of(args: argparse.Namespace) -> str:
-    """Mode of the mirror that the options ask for."""
-    return "serve" if args.serve else "connect" if args.connect else "spawn"
+def mode_of(options: Options) -> str:
+    """Mode of the mirror that the options ask for; a picture alone needs no viewer."""
+    if options.serve:
+        return "serve"
+    if options.connect or options.spawn:
+        return "connect" if options.connect else "spawn"
+    return "save" if options.save or options.screenshot else "spawn"
 
 
-def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
+def mirror_run(run: Path, options: Options, mode: str, rrd: Path) -> None:
     """Send a recording through the mirror; raises HerringboneError when that fails."""
     from herringbone_sim.recording.reader import read_recording
     from herringbone_sim.views.mirror.block import Drawing
@@ -89,24 +86,25 @@ def mirror_run(args: argparse.Namespace, mode: str, rrd: Path) -> None:
     from herringbone_sim.views.mirror.replay import prepare, replay_blocks
     from herringbone_sim.views.mirror.target import MirrorTarget
 
-    recording = read_recording(args.run)
-    replay = prepare(recording, args.nominal)
+    recording = read_recording(run)
+    address = options.connect or options.serve or ""
+    replay = prepare(recording, options.nominal)
     mirror = RerunMirror(
-        MirrorTarget(mode, args.connect or args.serve or "", rrd),
-        Drawing(replay.layout, replay.scale, args.burst, args.mesh or ""),
+        MirrorTarget(mode, address, rrd),
+        Drawing(replay.layout, replay.scale, options.burst, options.mesh or ""),
         report=lambda text: print(f"warning: mirror {text}", file=sys.stderr),
     )
-    for block in replay_blocks(recording, replay, args.burst, args.blocks):
+    for block in replay_blocks(recording, replay, options.burst, options.blocks):
         if not mirror.put(block, wait_s=60.0):
-            raise HerringboneError(f"the viewer took no more of {args.run}: {mirror.state}")
+            raise HerringboneError(f"the viewer took no more of {run}: {mirror.state}")
     if mode == "serve":
         wait_for_interrupt(mirror.address)
     mirror.close(60.0)
     if mirror.state.startswith("failed"):
-        raise HerringboneError(f"{args.run} was not shown: {mirror.state}")
+        raise HerringboneError(f"{run} was not shown: {mirror.state}")
     if mirror.dropped:
-        raise HerringboneError(f"{mirror.dropped} blocks of {args.run} were not shown")
-    if mode == "save" and args.save:
+        raise HerringboneError(f"{mirror.dropped} blocks of {run} were not shown")
+    if mode == "save" and options.save:
         print(f"wrote {rrd}")
 
 

@@ -1,37 +1,4 @@
-"""``sweep``: bifurcation diagrams over a parameter, and grids of more of them."""
-
-from __future__ import annotations
-
-import argparse
-from dataclasses import replace
-from pathlib import Path
-
-from herringbone_sim.cli.options import add_mesh, add_out
-from herringbone_sim.cli.parameter_options import add_parameter_options
-from herringbone_sim.cli.sweep_options import (
-    add_sweep_options,
-    chunk_from,
-    observation_of_gear,
-    print_shares,
-    run_all,
-    swept_gear,
-)
-from herringbone_sim.sweeps.diagram import Diagram, diagram_of
-from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
-from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
-from herringbone_sim.views.figures.diagram import write_diagram
-
-WAYS = {
-    "fixed": ("fixed",),
-    "up": ("up",),
-    "down": ("down",),
-    "both": ("up", "down"),
-    "held": ("fixed", "up", "down"),
-    "ramp": ("ramp_up", "ramp_down"),
-    "all": ("fixed", "up", "down", "ramp_up", "ramp_down"),
-}
-DESCRIPTION = """\
-Motion over the values of a parameter: period, Lyapunov exponents, contact and section points of
+"""Motion over the values of a parameter: period, Lyapunov exponents, contact and section points of
 each, and a bifurcation diagram. A value is reached
 
   fixed  from the initial state of the gear, each by itself
@@ -47,6 +14,38 @@ Repeat the command to continue a sweep that was interrupted; the diagram shows e
 holds. Several --over make a grid, without a diagram. Each way has a folder DIR/START with
 sweep.json and Parquet tables (parts/).
 """
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from herringbone_sim.cli.options import Mesh, Out
+from herringbone_sim.cli.parameter_options import GearOptions
+from herringbone_sim.cli.sweep_options import (
+    SweepOptions,
+    chunk_from,
+    observation_of_gear,
+    print_shares,
+    run_all,
+    swept_gear,
+)
+from herringbone_sim.sweeps.diagram import Diagram, diagram_of
+from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
+from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
+from herringbone_sim.views.figures.diagram import write_diagram
+
+Way = Literal["fixed", "up", "down", "both", "held", "ramp", "all"]
+WAYS: dict[Way, tuple[str, ...]] = {
+    "fixed": ("fixed",),
+    "up": ("up",),
+    "down": ("down",),
+    "both": ("up", "down"),
+    "held": ("fixed", "up", "down"),
+    "ramp": ("ramp_up", "ramp_down"),
+    "all": ("fixed", "up", "down", "ramp_up", "ramp_down"),
+}
 EXAMPLES = """\
 python -m herringbone_sim sweep --over delta_T=0:100:200 \\
     --parameters config/paper.yaml --out diagram
@@ -54,44 +53,36 @@ python -m herringbone_sim sweep --over K=0:0.6:40 --set xi=0.085 --start both --
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the verb."""
-    add_parameter_options(parser)
-    parser.add_argument(
-        "--over",
-        action="append",
-        required=True,
-        metavar="NAME=LOW:HIGH:COUNT",
-        help="values of a parameter, or NAME=VALUE,VALUE,...; continuations follow the first",
-    )
-    parser.add_argument(
-        "--start", choices=tuple(WAYS), default="fixed", help="how to get to a value [%(default)s]"
-    )
-    add_mesh(parser)
-    add_out(parser)
-    add_sweep_options(parser)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(
+    *,
+    gear: GearOptions = GearOptions(),
+    over: Annotated[
+        tuple[str, ...],
+        "NAME=LOW:HIGH:COUNT",
+        "values of a parameter, or NAME=VALUE,VALUE,...; continuations follow the first",
+    ],
+    start: Annotated[Way, "how to get to a value"] = "fixed",
+    mesh: Mesh = None,
+    out: Out,
+    sweep: SweepOptions = SweepOptions(),
+) -> int:
     """Run the sweeps, print a summary, draw the diagram; exit code 0."""
-    base, effects = swept_gear(args)
-    axes = tuple(axis_from_text(text) for text in args.over)
-    mesh = args.mesh or base.layout.meshes[0]
-    observation = observation_of_gear(args, (base, effects), axes, mesh)
+    base, effects = swept_gear(gear)
+    axes = tuple(axis_from_text(text) for text in over)
+    mesh = mesh or base.layout.meshes[0]
+    observation = observation_of_gear(sweep, (base, effects), axes, mesh)
     stores = []
-    for way in WAYS[args.start]:
-        chunk = chunk_from(args, way, effects)
-        stores.append(
-            open_store(args.out / way, Sweep(base, axes, observation, way, chunk, effects))
-        )
-    run_all(stores, args)
+    for way in WAYS[start]:
+        chunk = chunk_from(sweep, way, effects)
+        stores.append(open_store(out / way, Sweep(base, axes, observation, way, chunk, effects)))
+    run_all(stores, sweep)
     for store in stores:
         print_shares(load_result(store))
     if len(axes) == 1:
-        every = _same_but_start(args.out, stores[0])
+        every = _same_but_start(out, stores[0])
         diagram = diagram_of([load_result(store) for store in every])
         _print_hysteresis(diagram)
-        paths = write_diagram(args.out, diagram)
+        paths = write_diagram(out, diagram)
         print(f"written: {', '.join(map(str, paths))}")
     return 0
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
+import os
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from herringbone_sim.analysis.periods import MIN_REPEATS
-from herringbone_sim.cli.options import add_number, add_workers, workers_from
-from herringbone_sim.cli.parameter_options import gear_from, print_gear_notes, settings
+from herringbone_sim.cli.options import Count, Cycles, Scheduler, flattened, limits
+from herringbone_sim.cli.parameter_options import (
+    GearOptions,
+    gear_from,
+    print_gear_notes,
+    settings,
+)
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with, in_slots
@@ -25,57 +31,56 @@ SINGLE = 16  # values of a part of a gear that is not integrated in lanes
 LEAST_SHARE = 5e-4  # of the values; rarer periods are not printed
 REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a period of two is found too
 LONGEST = 100  # mesh cycles of a period of the effects up to which so many are observed
+SEEN = Observation()
 
 
-def add_sweep_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the observation, and of threads or a cluster."""
-    add = parser.add_argument
-    default = Observation()
-    text = "mesh cycles to discard at each value"
-    add_number(parser, "--transient", default.transient, text, "CYCLES")
-    add(
-        "--cycles",
-        type=int,
-        metavar="CYCLES",
-        help=f"mesh cycles observed then [{default.cycles}, or {REPEATS} periods of effects whose "
+@flattened
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepOptions:
+    """The observation, and the threads or the cluster of a sweep."""
+
+    transient: Annotated[Cycles, "mesh cycles to discard at each value"] = SEEN.transient
+    cycles: Annotated[
+        Cycles | None,
+        f"mesh cycles observed then [{SEEN.cycles}, or {REPEATS} periods of effects whose "
         "period is longer than a cycle]",
-    )
-    add("--no-exponents", action="store_true", help="compute no Lyapunov exponents")
-    add(
-        "--chunk",
-        type=int,
-        metavar="N",
-        help=f"values computed and stored together (default: {CHUNK}; {CHAIN} in a continuation; "
+    ] = None
+    no_exponents: Annotated[bool, "compute no Lyapunov exponents"] = False
+    chunk: Annotated[
+        Count | None,
+        f"values computed and stored together (default: {CHUNK}; {CHAIN} in a continuation; "
         f"{SINGLE} with an effect that no slot holds)",
-    )
-    add_workers(parser, default=None, scheduler=True)
+    ] = None
+    workers: Annotated[Count | None, limits(gte=1), "cores of this machine (default: all)"] = None
+    scheduler: Scheduler = None
 
 
-def chunk_from(args: argparse.Namespace, start: str = "fixed", effects: str = "") -> int:
+def chunk_from(options: SweepOptions, start: str = "fixed", effects: str = "") -> int:
     """Values of a part of a sweep: ``--chunk``, or as many as take a few seconds."""
-    if args.chunk is not None:
-        return int(args.chunk)
+    if options.chunk is not None:
+        return options.chunk
     if start != "fixed":
         return CHAIN
     return CHUNK if in_slots(read_effects(effects)) else SINGLE
 
 
-def swept_gear(args: argparse.Namespace) -> tuple[Parameters, str]:
+def swept_gear(gear: GearOptions) -> tuple[Parameters, str]:
     """Parameters, with the steps of a sweep unless the user set others, and effects."""
-    base, actives = gear_from(args)
-    return with_sweep_steps(base, settings(args.set)), effects_text(actives)
+    base, actives = gear_from(gear)
+    return with_sweep_steps(base, settings(gear.set)), effects_text(actives)
 
 
-def observation_from(args: argparse.Namespace, mesh: str, forcing: int = 1) -> Observation:
+def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:
     """How long each value is observed; prints a line where that is too short to find a period.
 
     Args:
         mesh: mesh whose section displacements are stored.
         forcing: period of the effects in mesh cycles; the observation spans several of it.
     """
-    points = max(Observation().points, REPEATS * forcing if forcing <= LONGEST else 0)
-    cycles = points if args.cycles is None else args.cycles
-    result = Observation(args.transient, cycles, min(cycles, points), not args.no_exponents)
+    points = max(SEEN.points, REPEATS * forcing if forcing <= LONGEST else 0)
+    cycles = points if options.cycles is None else options.cycles
+    exponents = not options.no_exponents
+    result = Observation(options.transient, cycles, min(cycles, points), exponents)
     if result.points < MIN_REPEATS * forcing:
         print(
             f"the effects repeat after {forcing} mesh cycles, and {result.points} are observed: "
@@ -85,7 +90,7 @@ def observation_from(args: argparse.Namespace, mesh: str, forcing: int = 1) -> O
 
 
 def observation_of_gear(
-    args: argparse.Namespace, gear: tuple[Parameters, str], axes: Sequence[Axis], mesh: str
+    options: SweepOptions, gear: tuple[Parameters, str], axes: Sequence[Axis], mesh: str
 ) -> Observation:
     """``observation_from`` with the period of a gear's effects; prints the notes on the gear."""
     base, effects = gear
@@ -95,16 +100,15 @@ def observation_of_gear(
     except ParameterError:  # no gear there
         if effects:
             print(f"with effects: {effects}")
-        return observation_from(args, mesh)
+        return observation_from(options, mesh)
     print_gear_notes(model)
-    return observation_from(args, mesh, effect_cycles(model))
+    return observation_from(options, mesh, effect_cycles(model))
 
 
-def run_all(stores: Sequence[Store], args: argparse.Namespace) -> None:
+def run_all(stores: Sequence[Store], options: SweepOptions) -> None:
     """Run the missing parts of some sweeps; on Ctrl-C print how many parts are stored."""
-    workers = workers_from(args)
     try:
-        run_stores(stores, workers, args.scheduler)
+        run_stores(stores, options.workers or os.cpu_count() or 1, options.scheduler)
     except KeyboardInterrupt:
         done = sum(store.sweep.n_parts - len(store.missing()) for store in stores)
         total = sum(store.sweep.n_parts for store in stores)

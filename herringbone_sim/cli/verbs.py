@@ -1,12 +1,9 @@
-"""The verbs with a line each, the text of a call without a verb, and the parser of a verb."""
+"""The verbs with a line each, and the text of a call without a verb."""
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import textwrap
 from pathlib import Path
-from typing import Any, TypeAlias
 
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.version import VERSION
@@ -37,7 +34,8 @@ GROUPS = {
         "reproduce": "run its figures and statements again, tell which come out",
     },
     "what a rig has that the model lacks": {
-        "rig": "make recordings of a rig with an effect, to practise on",
+        "rig effects": "list the effects that a rig may have",
+        "rig make": "make recordings of a rig with an effect, to practise on",
         "campaign import": "make a campaign of CSV, Parquet, MAT, TDMS, HDF5, bag files",
         "campaign check": "tell what a campaign holds and what a diagnosis can form",
         "gap": "tell where a rig disagrees with the nominal model, and why",
@@ -48,7 +46,6 @@ GROUPS = {
         "gap calibrate": "fit what turns evidence into probabilities",
     },
 }
-Verbs: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 VERBS = tuple(verb for group in GROUPS.values() for verb in group)
 
 _GREETING = f"""\
@@ -90,32 +87,15 @@ def greeting() -> str:
     return _GREETING.format(where=where).rstrip()
 
 
-def overview() -> str:
-    """List of all verbs in groups, each with a line on what it does."""
+def overview(word: str = "") -> str:
+    """List of the verbs in groups, each with a line on what it does.
+
+    Args:
+        word: that the verbs begin with.
+    """
     width = max(map(len, VERBS)) + 2
     lines = [f"usage: {PROGRAM} [--help] [--version] VERB ..."]
     for title, group in GROUPS.items():
-        lines += ["", f"{title}:", *(f"  {verb:{width}s}{text}" for verb, text in group.items())]
+        listed = [f"  {v:{width}s}{t}" for v, t in group.items() if v.startswith(word)]
+        lines += ["", f"{title}:", *listed] if listed else []
     return "\n".join([*lines, "", "Each has its own --help, which ends with an example."])
-
-
-def add_verb(
-    verbs: Verbs, name: str, description: str, examples: str, **more: Any
-) -> argparse.ArgumentParser:
-    """Add a verb and return its parser.
-
-    Args:
-        verbs: sub-parsers that the verb is added to.
-        name: words of the verb.
-        description, examples: first and last part of its help; examples are shell commands.
-        more: further arguments of ``add_parser``.
-    """
-    title = f"example{' (Ctrl-C ends run)' if f'{PROGRAM} run ' in examples else ''}:"
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        description=description,
-        epilog=f"{title}\n{textwrap.indent(examples, '  ')}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        **more,
-    )
-    return parser

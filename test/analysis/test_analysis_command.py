@@ -173,10 +173,21 @@ def test_wrong_options_are_refused(
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options", [["--noise", "2"], ["--transient", "-1"], ["--noise", "x"]])
-def test_numbers_out_of_range_end_with_the_usage(tmp_path: Path, options: list[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["analyze", "run", "--out", str(tmp_path), *options])
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--noise", "2"], "--noise must be < 1.0, got '2'"),
+        (["--noise", "x"], "--noise must be a number, got 'x'"),
+        (["--transient", "-1"], "--transient must be >= 0, got '-1'"),
+        (["--transient", "2.5"], "--transient must be a whole number, got '2.5'"),
+        (["--mesh-frequency", "0"], "--mesh-frequency must be > 0.0, got '0'"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], told: str
+) -> None:
+    assert main(["analyze", "run", "--out", str(tmp_path), *options]) == 2
+    assert capsys.readouterr().err == f"error: {told}: see --help\n"
 
 
 def test_an_output_that_is_a_file_is_refused(

@@ -58,9 +58,7 @@ def test_the_executable_of_ros_is_the_verb_run(
     shown = []
     for ask in (lambda: main(["run", "--help"]), executable):
         monkeypatch.setattr("sys.argv", ["/install/lib/herringbone_sim/simulator", "--help"])
-        with pytest.raises(SystemExit) as ended:
-            ask()
-        assert ended.value.code == 0
+        assert ask() == 0
         shown.append(capsys.readouterr().out)
     assert shown[0] == shown[1]
     assert "--ros-args" in shown[0]
@@ -68,8 +66,7 @@ def test_the_executable_of_ros_is_the_verb_run(
     assert executable() == 2
     assert "what is for ROS follows --ros-args" in capsys.readouterr().err
     monkeypatch.setattr("sys.argv", ["simulator", "--version"])
-    with pytest.raises(SystemExit):
-        executable()
+    assert executable() == 0
     assert capsys.readouterr().out.strip() == VERSION
     monkeypatch.setattr("sys.argv", ["info", "no/such"])
     assert executable() == 2

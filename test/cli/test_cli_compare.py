@@ -199,7 +199,7 @@ def test_gears_of_one_planet_class_and_of_all_become_alike(
     ("more", "message"),
     [
         (["--over=delta_T=900:990:2"], "nominal gear at delta_T = 900: delta_T"),
-        (["--over=delta_T=80:90:2", "--starts=-1"], "--starts must be 0 or more"),
+        (["--over=delta_T=80:90:2", "--starts=-1"], "--starts must be >= 0"),
         (["--over=delta_T=80:90:2", "--mesh=sp9_L"], "mesh must be one of"),
         (["--over=warmth=1:2:2"], "no parameter 'warmth'"),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 from pathlib import Path
 
@@ -10,9 +9,10 @@ import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.cli.arguments import parse
 from herringbone_sim.cli.basins import cached_sections
 from herringbone_sim.cli.parameter_options import (
-    add_parameter_options,
+    GearOptions,
     gear_from,
     settings,
 )
@@ -123,9 +123,8 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):
 
 
 def parsed(*argv):
-    parser = argparse.ArgumentParser()
-    add_parameter_options(parser)
-    return gear_from(parser.parse_args(argv))[0]
+    asked = parse("exponents", [*argv, "--out", "x"]).keywords
+    return gear_from(asked.get("gear", GearOptions()))[0]
 
 
 def test_parameters_of_the_command_line():

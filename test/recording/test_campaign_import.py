@@ -349,7 +349,9 @@ def test_the_command_prints_what_it_took_and_left_and_shows_it(
 
 def test_the_packages_of_files_are_loaded_where_they_are_needed() -> None:
     code = (
-        "import sys; from herringbone_sim.__main__ import parser; parser();"
+        "import sys; from herringbone_sim.__main__ import VERBS\n"
+        "from herringbone_sim.cli.arguments import help_of\n"
+        "for verb in VERBS: help_of(verb)\n"
         "print([n for n in ('pint', 'h5py', 'nptdms', 'rosbags') if n in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -16,15 +16,15 @@ from recording_support import (
     write_run,
 )
 
-from herringbone_sim.__main__ import parser
+from herringbone_sim.cli.arguments import parse
 from herringbone_sim.recording.gaps import Gap, find_gaps
 from herringbone_sim.recording.info import recording_info
 
 
 def command(*words: object) -> int:
     """Exit code of a command line."""
-    args = parser(["info", "recover"]).parse_args([str(word) for word in words])
-    return int(args.func(args))
+    verb, *rest = map(str, words)
+    return parse(verb, rest)()
 
 
 def test_rates_come_from_time_and_phase(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import importlib
 import subprocess
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.__main__ import main, parser
+from herringbone_sim.__main__ import main
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import build, half_backlashes
@@ -145,17 +144,12 @@ def test_layout_of_names() -> None:
     assert layout_of(("t",)) == Layout(1, numbered=False)
 
 
-def arguments(*words: str) -> argparse.Namespace:
-    return parser(["show"]).parse_args(["show", *words])
-
-
 def test_show_saves_a_file_that_rerun_verifies(run: Path, tmp_path: Path) -> None:
     importlib.import_module("rerun")
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "run.rrd"
-    args = arguments(str(run), "--save", str(path), "--mesh", "rp_R")
-    assert args.func(args) == 0
+    assert main(["show", str(run), "--save", str(path), "--mesh", "rp_R"]) == 0
     subprocess.run([rerun_binary(), "rrd", "verify", str(path)], check=True, timeout=120)
 
 
