@@ -88,11 +88,13 @@ def _wrong(error: CycloptsError, known: Sequence[Argument], words: Sequence[str]
     if isinstance(error, MissingArgumentError) and error.keyword:
         return f"{error.keyword} needs a value: see --help"
     if isinstance(error, MissingArgumentError):
-        given = {word.partition("=")[0] for word in words}
-        needed = [a for a in known if a.show and a.required and not given & set(a.names)]
-        names = [argument.name for argument in needed]
+        given = [word.partition("=")[0] for word in words]
+        names = {name for argument in known for name in argument.names}
+        if stray := [name for name in given if name.startswith("--") and name not in names]:
+            return _unknown(stray[:1], known, "see --help")
+        needed = [a for a in known if a.show and a.required and not {*given} & {*a.names}]
         asked = error.argument.name if error.argument else ""
-        first = names.index(asked) if asked in names else 0
+        first = next((i for i, a in enumerate(needed) if a.name == asked), 0)
         return f"{', '.join(map(_label, needed[first:]))} must be given: see --help"
     argument, rule = error.argument, getattr(error, "exception_message", "") or error.msg
     if argument is None:

@@ -157,6 +157,11 @@ def test_what_is_for_ros_is_handed_on_as_it_is(
         ("info", ["--jsn"], "unknown arguments --jsn: did you mean --json?"),
         (
             "sweep",
+            ["--ovr", "K=0:1:2", "--out", "x"],
+            "unknown arguments --ovr: did you mean --over?",
+        ),
+        (
+            "sweep",
             [*SWEEP, "--trans", "2"],
             "unknown arguments --trans 2: did you mean --transient?",
         ),
