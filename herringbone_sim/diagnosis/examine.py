@@ -34,7 +34,6 @@ from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
-    CHANCE_CHI2,
     MIN_GAIN_PER_VALUE,
     Search,
     amplitudes,
@@ -103,7 +102,7 @@ def examine(
     count = sum(counts.values())
     say("fits")
     gain = none.loss - min((r[0] for r in ranked), default=none.loss)
-    worth = CHANCE_CHI2 if machine.estimates_states else MIN_GAIN_PER_VALUE * count
+    worth = search.worth
     idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
     singles = fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     if machine.estimates_states:

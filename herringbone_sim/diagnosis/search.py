@@ -225,7 +225,14 @@ class Search:
             return False
         if all(c.scales_with_effect for c in (*self.base, *coefficients)):
             return target.loss > self.null.loss
-        return self.null.in_sample - target.in_sample < MIN_GAIN_PER_VALUE * self.null.count
+        return self.null.in_sample - target.in_sample < self.worth
+
+    @property
+    def worth(self) -> float:
+        """Energy worth explaining; all beyond chance where states are estimated."""
+        if self.machine.estimates_states:
+            return CHANCE_CHI2
+        return MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, found: Score) -> Score:
         """Score with one more step if it helps, all observations computed exactly at the fit."""
