@@ -80,7 +80,13 @@ def run(
     workers: Workers = 2,
     out: Out,
 ) -> int:
-    """Run the starts, print the shares, write tables and figure; exit code 0.
+    """Find the attractors that random starts, and a slice if asked for, lead to.
+
+    Prints the share of the random starts that each attracts, and writes tables and figure to
+    ``out``. Computed sections are kept there, in ``unfinished``, until the end.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         AnalysisError: a slice of one value.

@@ -53,7 +53,14 @@ def run(
     seed: Annotated[Count, "of the frequencies of the 0-1 test"] = 0,
     out: Out,
 ) -> int:
-    """Compute, print and write the table, draw the figure; exit code 0."""
+    """Compute Lyapunov exponents and the 0-1 test of a gear's motion by all methods.
+
+    Prints their table and the kind of the motion, and writes table, convergence and figure to
+    ``out``.
+
+    Returns:
+        Exit code 0.
+    """
     model = model_from(gear)
     make_folder(out)
     print_gear_notes(model)

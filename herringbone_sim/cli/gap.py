@@ -65,7 +65,14 @@ def run(
         f"mirror to the Rerun viewer: {FORMS} [save; save writes DIR/gap.rrd]",
     ] = None,
 ) -> int:
-    """Diagnose a campaign; print and write residuals, verdict, report and page; exit code 0."""
+    """Diagnose a campaign: print residuals and verdict, write all files of the help to ``out``.
+
+    The gear of ``nominal`` is taken as the full model, whatever model its file names. With
+    ``rerun`` the result is mirrored too.
+
+    Returns:
+        Exit code 0.
+    """
     target = mirror_target(rerun, out / "gap.rrd")
     runs = read_campaign(campaign)
     gear = load_parameters(nominal).changed({"model": "full"})

@@ -44,7 +44,15 @@ python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 
 
 
 def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
-    """Values and periods of texts such as ``85`` or ``85:2``; None without a period."""
+    """Convert texts such as ``85`` or ``85:2`` for cyclopts, which passes them as tokens.
+
+    Returns:
+        Pairs of the value of the parameter and the period in periods of the forcing; None for a
+        text without a period.
+
+    Raises:
+        ValueError: another text, or a period outside 1 .. ``MAX_PERIOD``.
+    """
     pairs = [token.value.partition(":") for token in tokens]
     try:
         starts = tuple((float(value), int(n) if n else None) for value, _, n in pairs)

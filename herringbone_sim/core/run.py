@@ -208,7 +208,7 @@ def read_rows(p, w, states, places, steps, head, si, carrier, rows):
 
 @inlined
 def keep_columns(near, columns):
-    """Copy the columns into an array (p, n_state), if there are any."""
+    """Copy ``near.columns`` to ``columns`` (p, n_state); do nothing if ``near`` is None."""
     if near is not None:
         for row in range(columns.shape[0]):
             for j in range(columns.shape[1]):
@@ -366,10 +366,14 @@ class Kernel:
     def read(
         self, states: Array, places: NDArray[np.int64], rest: tuple[Array, Array, Array]
     ) -> Array:
-        """Samples (n, n_channels) of states (n, n_state) at places (n, 2), cycle and index.
+        """Rows of samples (n, n_channels) that given states show, in SI units.
+
+        Column t is not computed: every row has the time in ``rest``.
 
         Args:
-            rest: head, units and row of the carrier, as for ``sample``.
+            states: (n, n_state), dimensionless.
+            places: (n, 2) mesh cycle and step of the phase grid at each state.
+            rest: head, units and row of the carrier, as for ``write_row``.
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
         states = np.ascontiguousarray(states)

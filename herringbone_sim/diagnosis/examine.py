@@ -192,10 +192,15 @@ def _calibrated(
 
 
 def _noise_factors(found: Predictable) -> Array:
-    """(runs, R) factor on the assumed noise, from unpredictable minus predictable energy.
+    """Factors (runs, R) on the assumed RMS noise of each row, 1 or more.
 
-    1 where half of the energy or more is predictable. Limited to the ``NOISE_QUANTILE`` of the
-    observation's rows: sensors of a kind are alike, so an excess in few rows is not noise.
+    The square of a factor is 2 ``left`` - ``energy`` per value: the part of the row's squares that
+    can't be predicted, less the part that can. It is at most the quantile ``NOISE_QUANTILE`` of
+    this number over the rows of the same run: sensors of a kind are alike, so an excess in few
+    rows is not noise.
+
+    Args:
+        found: predictable part of the residual of one observation.
     """
     share = (2.0 * found.left - found.energy) / np.maximum(found.count, 1.0)
     most = np.ones((len(share), 1))

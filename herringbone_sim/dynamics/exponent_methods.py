@@ -67,18 +67,22 @@ def compare_exponents(
     seed: int = 0,
     step: Callable[[str], None] = lambda name: None,
 ) -> ExponentComparison:
-    """Apply every method to the motion from the initial state.
+    """Lyapunov exponents and 0-1 test of the motion from the initial state, by every method.
 
     Args:
-        model: see ``effects.assemble``.
-        cycles: mesh cycles that each method averages over.
-        transient: mesh cycles left out before.
-        seed: of the random frequencies of the 0-1 test and of the resampling of the section.
-        step: called with the name of each method before it runs.
+        model: the gear, with its effects, see ``effects.assemble``.
+        cycles: mesh cycles that each method evaluates. Methods by perturbations run ``TURNING``
+            cycles more before these, in which the perturbations align.
+        transient: mesh cycles left out before that.
+        seed: of the bootstrap resampling for the interval of the exponent of the section, and of
+            the frequencies of the 0-1 test.
+        step: called with a name before each of five stages: transient, spectrum, two trajectories,
+            left and right, recorded series (which includes the 0-1 test).
 
     Raises:
         DivergenceError: the state left the range of any physical motion.
         AnalysisError: too few cycles for a method.
+        ParameterError: tangents can't be integrated, see ``GearFlow.advance``.
     """
     flow, exchange, rng = GearFlow(model, 1), symmetry(model), np.random.default_rng(seed)
     step("transient")

@@ -29,10 +29,13 @@ class Portrait:
 
 
 def portraits(model: Model, attractors: Iterable[Attractor], cycle: int) -> list[Portrait]:
-    """Portraits of attractors, each integrated from its last point.
+    """Phase portraits over ``CYCLES`` mesh cycles of attractors, from the last point of each.
 
     Args:
-        cycle: mesh cycles from the start of the runs to these points.
+        model: the gear.
+        attractors: their points are states at phase 0.
+        cycle: mesh cycles that had passed at the last points, so that control and effects that
+            don't repeat every mesh cycle go on from there.
     """
     return [portrait(model, attractor.points[-1], cycle) for attractor in attractors]
 

@@ -170,9 +170,18 @@ def cut(m, cycle, phase, h):
 
 @called
 def piece(m, cycle, phase, reach, tangents):
-    """Advance stage 0 and tangents over a length without known edges; returns switches.
+    """Integrate from stage 0 over a length in which no edge is known in advance.
 
-    Returns -1 if the motion diverged.
+    The state at stage 0, the contacts and ``tangents`` (k, s) are advanced in place; the time in
+    each contact is added to ``m.r.spent``.
+
+    Args:
+        cycle: mesh cycle.
+        phase: mesh phase at the beginning [rad].
+        reach: length in units of 1 / omega_n.
+
+    Returns:
+        Number of instants at which one or more meshes switch contact; -1 if the motion diverged.
     """
     r, n, Omega = m.r, m.w.side.size, m.p.Omega
     middle = phase + 0.5 * reach * Omega

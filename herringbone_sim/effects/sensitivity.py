@@ -139,7 +139,20 @@ def _find(model: Model, actives: list[Active], name: str) -> _Named:
 
 
 def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
-    """Find a parameter of an effect by its name."""
+    """Find a parameter of an effect by a name such as ``profile_error@sp:order=3,cos``.
+
+    ``actives`` is edited in place: an effect that the gear lacks is appended, and parameters of
+    the effect that are neutral are moved off their neutral value by a little.
+
+    Args:
+        model: the gear.
+        actives: effects to differentiate by, those of the gear first.
+        name: see the head of this module.
+
+    Raises:
+        ParameterError: an effect in another form or unknown, no such numeric parameter, an effect
+            of sensors, or a name that fits more than one effect of the gear.
+    """
     head, _, tail = name.partition(":")
     *given, wanted = (part.strip() for part in tail.split(","))
     meant = parse_effect(f"{head}:{','.join(given)}")

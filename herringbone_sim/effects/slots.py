@@ -237,7 +237,12 @@ class Slots:
         return np.concatenate([whole[..., :2], whole[..., 3:], whole[..., 2:3]], axis=-1)
 
     def _accelerations(self, torque: Array) -> Array:
-        """Dimensionless accelerations (..., m) of the coordinates from torques (..., n_bodies)."""
+        """Accelerations (..., n_coordinate) of the coordinates (q, r), over b_c omega_n^2.
+
+        Args:
+            torque: (..., n_bodies) torque over base radius [N], bodies in the order of
+                ``layout.bodies``.
+        """
         p, s = self.model.bare, self.model.scales
         carrier = torque[..., 2:3] * p.inv_M_c
         suns = torque[..., :2] * p.inv_M_s - 2.0 * carrier

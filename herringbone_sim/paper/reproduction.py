@@ -204,11 +204,19 @@ def compared(
     n: int,
     zero: Mapping[str, Sweep],
 ) -> dict[str, dict[str, Sweep]]:
-    """Sweeps from other starts and with other steps, by scenario and way.
+    """Sweeps of each scenario from other starts and with other step sizes, and the given ones.
 
     Args:
-        n: values of a sweep.
-        zero: sweeps from the initial state, which come first.
+        runner: runs the batches.
+        scenarios: those to sweep.
+        reading: parameters that the paper leaves open.
+        n: number of values of a sweep; for a way of ``ways`` times its ``share``, but at least 2.
+        zero: sweep from the initial state of each scenario, by its letter.
+
+    Returns:
+        By letter, then by name: ``zero start`` (the given sweep), ``continued upwards`` and
+        ``continued downwards`` (each value from the final state of the one before), then the
+        ``ways`` by name.
     """
     rows: dict[str, dict[str, Sweep]] = {s.key: {"zero start": zero[s.key]} for s in scenarios}
     for name, direction in (("continued upwards", 1), ("continued downwards", -1)):

@@ -14,7 +14,15 @@ MOST = 6
 
 
 def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
-    """Sentences on what goes wrong where a figure misses its target."""
+    """Sentences on what most often goes wrong in the cases behind a figure of a bench.
+
+    Args:
+        figure: name of the figure, such as ``locus``; see ``score.METRICS``.
+        cases: scored cases; whether they miss the target is not looked at.
+
+    Returns:
+        Sentences; empty for a figure without such an analysis, or if there is nothing to tell.
+    """
     found = _REASONS.get(figure)
     return found(cases) if found else []
 

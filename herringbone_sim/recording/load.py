@@ -73,7 +73,15 @@ class _Samples:
         self.n = 0
 
     def decode(self, scanned: ScannedMessage) -> tuple[tuple[str, ...], Array]:
-        """Names (c,) and rows (n, c) of a message; RecordingError if topic or channels change."""
+        """Decode a ``samples`` message and count its rows.
+
+        Returns:
+            Names (c,) of the channels and samples (n, c).
+
+        Raises:
+            RecordingError: a message that can't be decoded, names that are not unique, not
+                printable or without ``t``, or topic or names other than in the first message.
+        """
         names, rows = decode_samples(scanned.message)
         if not self.topic:
             self.topic, self.names = scanned.topic.name, names

@@ -57,10 +57,14 @@ def load_parameters(path: Path | str) -> Parameters:
 
 
 def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters and active effects of a file.
+    """Read the parameters and the active effects of a gear from a file.
+
+    Parameters that the file omits have their defaults; without ``effects`` there are none.
 
     Raises:
-        ParameterError: as ``load_parameters``, or an unknown effect.
+        ParameterError: no such file, another format, an unknown key, a set that no gear can have,
+            or effects in another form, unknown or with an unknown locus or value; the message
+            begins with the file.
     """
     values = read_values(Path(path))
     try:

@@ -23,14 +23,15 @@ class Recording:
 
     Attributes:
         path: as given: a run folder or a .mcap file.
-        name: of the run.
-        samples: full-rate samples.
+        name: of the folder, or of the file without its ending.
+        samples: full-rate samples of all channels; of a run cut at a jump of time, the longest
+            stretch over which time increases.
         channels: content of the ``channels`` topic; empty if there is none.
         changes: parameter changes in the order of the file.
-        complete: whether the file was finished.
-        notes: a sentence on everything unusual.
-        jump_s: time before the first sample that does not increase [s], described in the last
-            note; None if time increases.
+        complete: whether every file of the run exists and was finished.
+        notes: a sentence on each irregularity.
+        jump_s: time [s] of the last sample before the first jump, where the next sample is not
+            later, which the last note describes; None if time increases throughout.
     """
 
     path: Path

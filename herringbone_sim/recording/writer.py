@@ -206,7 +206,19 @@ class RunWriter:
         changed: Mapping[str, Value],
         publish_ns: int | None = None,
     ) -> None:
-        """Write accepted changes with the simulation time [s] at which they took effect."""
+        """Write a message on ``/parameter_events`` with accepted parameter changes.
+
+        Args:
+            t_s: simulation time at which they took effect [s].
+            node_name: full name of the node.
+            changed: new values by name of the parameter.
+            publish_ns: publish time of the message, wall time [ns]; None: the wall time of
+                ``t_s``.
+
+        Raises:
+            RecordingError: a time that is not finite, a value of a type that ROS does not have, a
+                failing disk, or a recording that has ended.
+        """
         event = ParameterEvent(self._stamp(t_s), node_name, changed)
         self._write(EVENTS, t_s, encode_parameter_event(event), publish_ns)
 

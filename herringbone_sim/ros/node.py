@@ -173,9 +173,14 @@ class SimulatorNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Like rclpy's; every refusal, also of a name, type or range, is counted and answered.
+        """Set all of the parameters or none, as rclpy does; also count and log a refusal.
 
+        Values that ROS tools send in another type than the declared one are converted if possible.
         A read-only parameter may be set to its present value, which changes nothing.
+
+        Returns:
+            Whether they were set; if not, the reason on one line (unknown name, type, range, or a
+            gear that is not possible).
         """
         strangers = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if strangers:

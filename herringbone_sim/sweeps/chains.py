@@ -99,7 +99,13 @@ def observe_parts(jobs: Sequence[Job]) -> list[Table]:
 
 
 def part_before(sweep: Sweep, part: int) -> int | None:
-    """Number of the part whose final states a part starts from; None for the first one."""
+    """Number of the part of a chained sweep that is computed just before a part.
+
+    The chains of ``part`` start from its final states. In a downwards sweep it is ``part`` + 1.
+
+    Returns:
+        None for the part that is computed first, and for a sweep that is not chained.
+    """
     before = part + 1 if sweep.downwards else part - 1
     return before if sweep.chained and 0 <= before < sweep.n_parts else None
 

@@ -41,7 +41,16 @@ def refresh(m):
 
 @inlined
 def leaving(r, n, lane):
-    """Mesh of a lane that is to switch, or -1."""
+    """Index of the first mesh of a lane that must switch contact, or -1.
+
+    A mesh must switch if its margin to the edge of the backlash, in row ``SPARE``, is used up and
+    still falls, or is beyond rounding below 0.
+
+    Args:
+        r: work arrays of the step.
+        n: number of meshes.
+        lane: index of the lane.
+    """
     for j in range(n):
         gap = r.gap[SPARE, j, lane]
         if (gap <= 0.0 and r.pace[SPARE, j, lane] < 0.0) or gap < -10.0 * ON_BORDER:

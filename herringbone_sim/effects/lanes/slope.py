@@ -137,7 +137,13 @@ def react_singly(m, i, first, last):
 
 @called
 def drive_singly(m, i, first, last, dy):
-    """As ``excite_singly``; ``dy`` (own states, lanes)."""
+    """Rates of the states of effect i by a law that is not written for lanes, lane after lane.
+
+    Args:
+        i: number of the effect.
+        first, last: range of its states among the states of all effects.
+        dy: (states of all effects, lanes), SI units; rows ``first`` to ``last`` - 1 are written.
+    """
     single, own = m.single, m.own
     for lane in range(LANES):
         for j in range(m.w.x.shape[0]):

@@ -147,7 +147,11 @@ def _of_mesh(i: int) -> Values:
 
 
 def _filtered(i: int) -> Values:
-    """Change of the force by common filter i, 0 where unknown."""
+    """Function that gives the change (n, n_mesh) of the mesh forces by low-pass filter i [N].
+
+    The filter is common to all channels, see ``common_filter``; i counts ``FILTERS`` from 0. The
+    change is 0 for a motion without ``filtered``.
+    """
     return lambda m, _: np.zeros_like(m.x) if m.filtered is None else m.filtered[i]
 
 

@@ -58,7 +58,11 @@ class ForcedWindows:
 
     @cached_property
     def _nominal(self) -> tuple[Array, Array, Array]:
-        """Nominal k, e and its rate at every half step."""
+        """Nominal k [N/m], e [m] and rate of e [m/s], each (half steps, n_mesh).
+
+        At every half integration step of the windows, at the mesh phase less the common delay of
+        the run's channels.
+        """
         s = self.windows
         w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
         return w.k, w.e, w.e_rate

@@ -141,14 +141,19 @@ def forces_of_run(
     fit: FittedExplanation,
     noise: Array | float,
 ) -> ReconstructedForces | None:
-    """Forces in the first held-out run with the channels of the fit runs, else in a fit run.
+    """Mesh forces in one run: the first suitable held-out run, else the first suitable other one.
+
+    A run is suitable if windows are fitted to it, of the same channels as in the fit runs.
 
     Args:
         machine: of any runs of the rig; windows that it has fitted are taken over.
-        noise: (fit runs, 1) actual over assumed noise of the channels.
+        runs: those to choose from.
+        fit: explanation fitted to the fit runs.
+        noise: (fit runs, 1) or one number, actual over assumed noise of the channels; the RMS is
+            used.
 
     Returns:
-        None where no run is followed by windows of these channels.
+        Forces with their 90 % band; None if no run is suitable.
     """
     size = float(np.sqrt(np.mean(np.square(noise))))
     for run in sorted(runs, key=lambda run: run.role != "held_out"):

@@ -102,7 +102,19 @@ def _channel_noise(
 
 
 def _residual(g: GearRun, quantity: str, j: int) -> Array | None:
-    """Residual (n,) of a channel against the others; None where they don't determine it."""
+    """Residual of a channel: x or v less the fused one, F less the nominal force law.
+
+    The channel itself takes part in the fused motion.
+
+    Args:
+        g: the run.
+        quantity: ``x``, ``v``, ``F``, ``u``, ``a`` or ``pin``.
+        j: index of the mesh, body or pin.
+
+    Returns:
+        (n,) in the unit of the channel. None for ``u``, ``a`` and ``pin``, where a value is not
+        known, and where all are exactly 0, as of a channel that is taken over as its own estimate.
+    """
     run = g.run
     if quantity == "x":
         values = run.x.values[:, j] - g.fused.x[:, j]

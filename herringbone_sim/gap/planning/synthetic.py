@@ -74,17 +74,24 @@ def simulate_campaign(
     noise: SensorNoise,
     cycles: int,
 ) -> PreparedCampaign:
-    """Simulate a campaign of the nominal gear; all runs are fit runs.
+    """Simulate runs of the nominal gear and record them by some sensors with noise.
+
+    Each run starts from a randomly disturbed state, and its first ``TRANSIENT`` mesh cycles are
+    left out. Random numbers are the same in every call.
 
     Args:
         nominal: parameters of the full model.
-        points: delta_T [K], K, T_1 [N m], Omega of each run.
-        sensors: names of the recorded channels.
-        noise: of the sensors.
-        cycles: mesh cycles of a run.
+        points: delta_T [K], K [-], T_1 [N m] and Omega [-] of each run.
+        sensors: names of the recorded channels, see ``known_sensors``.
+        noise: standard deviation of the noise of each channel.
+        cycles: recorded mesh cycles of each run.
+
+    Returns:
+        Campaign of one run per point, all of role ``fit``.
 
     Raises:
-        ParameterError: an unknown sensor, a run that is too short, or a point out of range.
+        ParameterError: no sensor or an unknown one, a run that is too short, or a point out of
+            range.
         DivergenceError: the motion diverges.
     """
     check_sensors(nominal.layout, sensors)

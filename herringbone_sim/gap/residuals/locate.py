@@ -26,12 +26,14 @@ ROTATIONS = {"sun": "z_s", "planet": "z_p", "ring": "z_r"}
 
 @dataclass(frozen=True)
 class Share:
-    """Energy of a residual over the values of one factor.
+    """Where a residual lies: its squares in units of the noise, by the values of one factor.
 
     Attributes:
-        labels: values of the factor.
-        chi2: mean square over the floor at each value: 1 is noise.
-        share: of the energy above the floor, sums to 1 (all 0 where there is none).
+        labels: the m values of the factor, such as names of meshes or ``back``, ``apart``,
+            ``drive``.
+        chi2: (m,) mean square of the residual at each value: 1 is noise.
+        share: (m,) part of the squares above the noise that lies at each value; the sum is 1, or 0
+            if no value is above the noise.
     """
 
     labels: tuple[str, ...]

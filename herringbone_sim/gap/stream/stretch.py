@@ -126,7 +126,10 @@ def join(stretches: Sequence[Residual]) -> Residual:
 
 
 def join_motions(stretches: Sequence[MotionStatistics]) -> MotionStatistics:
-    """Add motion statistics that are ``joinable``."""
+    """Add the counts and sums of stretches, at least one, that are ``joinable``.
+
+    Meshes and operating point are those of the last one.
+    """
     return replace(
         stretches[-1],
         count=sum(s.count for s in stretches),

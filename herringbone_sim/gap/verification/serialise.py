@@ -48,7 +48,16 @@ def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
 
 
 def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
-    """Statistics of the motions by model and run, with distances to the rig; empty if unknown."""
+    """Statistics of the rig's and the models' long motions, as plain data for the report.
+
+    Returns:
+        By name, then by run: ``measured`` (the rig), ``nominal``, ``augmented`` and, if there is
+        one, ``runner_up`` have contact and load share of every mesh; models have the distance of
+        their motion from the rig's too, and ``floor`` the distance between the two halves of the
+        recording. The largest Lyapunov exponent stands in ``measured`` and ``augmented``.
+        ``units``: of distances and exponents. Without senses: empty ``nominal`` and ``augmented``
+        alone.
+    """
     if senses is None:
         return {"nominal": {}, "augmented": {}}
     return {

@@ -135,7 +135,11 @@ class Gap:
         return (before - self.rms(what, role)) / above if above > 0.0 else float("nan")
 
     def numbers(self, role: str | None = "held_out") -> GapNumbers:
-        """The gap over the runs of a role, or over all (None)."""
+        """RMS of the gap over some runs for each model, and the shares of it that models close.
+
+        Args:
+            role: of the runs, ``fit`` or ``held_out``; None: all runs.
+        """
         return GapNumbers(
             metric=self.metric,
             unit=self.unit,

@@ -52,12 +52,17 @@ Kind = tuple[bool, bool]
 
 
 def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: str) -> Figure:
-    """Branch diagram above the largest multipliers.
+    """Figure of two panels over a parameter: branches above, their largest multipliers below.
+
+    Above: displacement of one mesh over b_c at phase 0, styled by stability, with the boundaries.
+    Below: largest |mu|^(1/n) of each branch, n its period, for perturbations that keep left and
+    right alike and for those that part them.
 
     Args:
-        parameter: name of the parameter that varies.
-        mesh: index of the mesh whose displacement at phase 0 is shown.
-        name: of that mesh.
+        followed: branches with their boundaries, at least one.
+        parameter: name of the parameter on the horizontal axis.
+        mesh: index of the mesh in the panel above.
+        name: name of the same mesh, such as ``sp1_L``.
     """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 6.4))

@@ -63,7 +63,14 @@ def exceeds_noise(residual: Residual) -> bool:
 
 
 def data(picture: ComparisonResult) -> dict[str, Any]:
-    """The comparison as plain data for the topic ``~/place``, without what is not known."""
+    """A live comparison of rig and simulator as a JSON-like dict, for the topic ``~/place``.
+
+    Always: schema, state of both streams, remarks. With a residual: time [s], operating point,
+    metric and unit, RMS residual (nominal, recalibrated, floor, signal), whether it exceeds the
+    noise, and its distribution over places, kinds, sides, planets and contact. With comparable
+    motions: RMS force [N] and parts of the time in each contact, by mesh. What is not known is
+    left out.
+    """
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "rig": _source_data(picture.rig),

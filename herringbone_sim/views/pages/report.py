@@ -129,7 +129,11 @@ def _reasons(results: Sequence[SegmentResult]) -> list[str]:
 
 
 def _contact(results: Sequence[SegmentResult]) -> Table | None:
-    """Table of contact; None if it is not known."""
+    """Table of the time in drive contact, apart and in back contact, by mesh [%].
+
+    One row per segment in which the contact of the first mesh is known; None without such a
+    segment.
+    """
     known = [r for r in results if r.contact and math.isfinite(r.contact[0].drive)]
     if not known:
         return None

@@ -123,7 +123,12 @@ def _sides(side: str) -> str:
 
 
 def place_words(cause: Cause) -> str:
-    """Text of the place of a cause: its locus and member, or a place without a mesh."""
+    """Text on where a cause sits, such as ``sun mesh of planet 2, left side, on the planet``.
+
+    It is made of the meshes of the locus and the member that the cause names; for an effect of
+    ``PLACES``, of the text there and the meshes. If the locus is all meshes, these are mentioned
+    only where there is neither a member nor an entry in ``PLACES``.
+    """
     meshes, everywhere = locus_words(cause.locus), cause.locus == Locus()
     if cause.effect in PLACES:
         place = PLACES[cause.effect]
