@@ -115,8 +115,10 @@ def _track_of_column(name: str, values: Array, motion: Motion) -> Track:
 
 
 def _track_of_frequency(motion: Motion) -> Track:
-    """Track of the mesh frequency: a new value where the slope of the phase jumps, gaps left
-    out.
+    """Track of the mesh frequency [Hz], with a new value from each row where it jumps.
+
+    A jump is a relative change of the slope of the phase from sample to sample by more than 1e-6
+    plus 20 times the median of such changes. Those at gaps in the phase do not count.
     """
     slopes = np.diff(motion.turns) / np.diff(motion.times)
     relative = np.abs(np.diff(slopes)) / slopes[:-1]
@@ -133,8 +135,16 @@ def _track_of_frequency(motion: Motion) -> Track:
 def _track_of_events(
     name: str, times: Array, changes: Sequence[Change], base: Mapping[str, float]
 ) -> Track:
-    """Track of a parameter from its given changes; NaN before the first if ``base`` has no
-    value.
+    """Track of a parameter from its given changes.
+
+    A change acts from the first sample at or after its time. Changes to the value that is in
+    force already are left out.
+
+    Args:
+        name: of the parameter.
+        times: (n,) times of the samples [s].
+        changes: (time in s, new values by name), in order.
+        base: values from the start, by name; NaN for a parameter that is not among them.
     """
     rows, values = [0], [base.get(name, float("nan"))]
     for time, change in changes:

@@ -1,7 +1,8 @@
 """Say what a campaign (a folder of runs with campaign.yaml) holds, run by run, what is odd about
 it, and which observations a diagnosis could form of it: force_law (mesh by mesh, F against k(t)
-f(x) + c v), torque_balance (accelerations against forces and torques) and consistency (what
-sensors say of each other). Nothing is diagnosed.
+f(x) + c v), torque_balance (accelerations against forces and torques), consistency (motion
+sensors against one another) and trajectory (short windows of the motion, fitted to few sensors).
+Nothing is diagnosed.
 """
 
 from __future__ import annotations

@@ -226,7 +226,17 @@ def survival_lines(cases: Sequence[Survival]) -> Lines:
 
 
 def transverse_lines(across: Survey) -> Lines:
-    """Ranges of K in which periodic motions with left = right are transversally stable."""
+    """Lines on the transverse stability of periodic motions over K, one for each printed delta_T.
+
+    A line gives the lowest and the highest K with a transversally stable periodic motion, the
+    same of unstable ones, and the least transverse exponent [1/tau]. Between two such K not every
+    motion need be periodic, or of that stability.
+
+    Args:
+        across: survey over delta_T and K with exponents; its first start is used, the initial
+            state of the gear. Lines are for the delta_T nearest to ``PRINTED_DELTA_T``, where any
+            motion is periodic.
+    """
     lines = []
     periodic = across.of("period")[:, :, 0] > 0
     transverse = across.of("transverse")[:, :, 0]

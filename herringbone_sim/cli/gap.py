@@ -184,7 +184,11 @@ def next_line(experiment: NextExperiment) -> str:
 
 
 def sense_line(gap: Gap) -> str:
-    """One measure of the gap on held-out runs by model, and the share that each model closes."""
+    """One line on a gap over the held-out runs: its size and how much of it is closed.
+
+    RMS of the nominal gear and of the augmented model, and that expected from noise alone, in the
+    unit of the gap; closure of the augmented model and of the runner-up [%].
+    """
     values = ", ".join(f"{name} {gap.rms(name):.3g}" for name in ("nominal", "augmented", "floor"))
     return (
         f"{gap.metric} on held-out runs [{gap.unit}]: {values}, closure {gap.closure:.1%}, "

@@ -42,12 +42,16 @@ def check_file(file: Path) -> int:
     """
     p, actives, warnings = gear_of_node(file)
     try:
-        check_effects(build(p), actives)
+        model = build(p)
+        check_effects(model, actives)
     except ParameterError as error:
         raise ParameterError(f"{file}: {error}") from None
     teeth = f"{p.z_s}, {p.z_p} and {p.z_r} teeth"
     effects = f", with {effects_text(actives)}" if actives else ""
     print(f"{file}: {p.model} model, {p.n_planets} planets, {teeth}{effects}")
+    g = model.scales
+    radii = f"r_bs {g.r_bs:.6g}, r_bp {g.r_bp:.6g}, r_br {g.r_br:.6g}, r_bc {g.r_bc:.6g} m"
+    print(f"omega_n {g.omega_n:.6g} rad/s; base radii {radii}")
     for warning in warnings:
         print(f"note: {warning}")
     for rule in obstacles(p):

@@ -51,16 +51,20 @@ class Solution:
 
 
 def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
-    """Posterior mean inside bounds, its covariance and the log evidence.
+    """Posterior mean inside the bounds, its covariance and the log evidence.
 
     Block principal pivoting: coefficients outside their bounds are fixed there, fixed ones whose
     gradient points inwards are released, and the free ones are solved again; one exchange at a
     time where block exchanges cycle (Judice and Pires, Computers & Operations Research 21, 587,
-    1994). A singular matrix gives mean zero and log evidence -inf.
+    1994).
 
     Args:
-        A, b: (p, p), (p,) sums over runs.
-        sd, bound: (p,) prior standard deviations and largest magnitudes.
+        A, b: (p, p), (p,) sums over runs of the arrays of ``Normal``.
+        sd, bound: (p,) prior standard deviations, and largest magnitudes, inf: unbounded.
+
+    Returns:
+        The posterior, with coefficients at a bound as if they were known. For a singular matrix,
+        or where exchanges don't end, mean zero, the covariance of the prior and log evidence -inf.
     """
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
@@ -106,6 +110,8 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         held ^= wrong
         mean[held] = np.clip(mean, -bound, bound)[held]
+    else:
+        return Solution(np.zeros(p), np.diag(sd**2), -np.inf)
     return Solution(np.clip(mean, -bound, bound), covariance, evidence)
 
 

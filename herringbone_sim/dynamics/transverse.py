@@ -74,10 +74,18 @@ def symmetric_exponents(
 
 
 def _split(tangents: Array, exchange: Indices) -> tuple[Array, Array]:
-    """Orthonormalise k symmetric and k antisymmetric rows (2 k, n); also their lengths (2 k,).
+    """Project tangent vectors on their symmetry, and orthonormalise each of the two kinds.
 
     Projecting again in each period keeps rounding errors from feeding the faster-growing kind into
     the slower one.
+
+    Args:
+        tangents: (2 k, n) rows; the first k are made symmetric, the others antisymmetric.
+        exchange: (n,) indices that exchange left and right.
+
+    Returns:
+        Orthonormal rows (2 k, n), and the lengths (2 k,) that they had after the projection, each
+        without its part along the rows before it of the same kind.
     """
     even, odd = np.split(tangents, 2)
     parts = (even + even[:, exchange], odd - odd[:, exchange])

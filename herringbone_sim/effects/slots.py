@@ -114,12 +114,14 @@ class Slots:
         self._law[4, here] = depth / self.model.scales.b_c
 
     def add_friction(self, constant: Array, lever: Array) -> None:
-        """Add friction torques on the flanks, for a mesh force of 1 N.
+        """Add torques by friction on the flanks, which grow with the magnitude of the mesh force.
+
+        A mesh force F adds |F| (sign(s) constant + |s| lever) to the torques over base radius [N],
+        with s the mesh cycles from the pitch point, negative before it.
 
         Args:
-            constant: (n, n_bodies) torque over base radius [N], of opposite sign before the pitch
-                point.
-            lever: (n, n_bodies) the same per mesh cycle from the pitch point.
+            constant: (n, n_bodies) [-].
+            lever: (n, n_bodies) per mesh cycle.
         """
         self._slide += np.stack([constant, lever])
 

@@ -244,7 +244,14 @@ def _limits(campaign: PreparedCampaign) -> list[Finding]:
 
 
 def _quantity_limits(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Limits by quantities that were not recorded."""
+    """Findings on what can't be told as mesh forces, rates, or x and u together were not recorded.
+
+    Args:
+        runs: fit runs; without any there are no findings.
+
+    Returns:
+        Up to three findings of the kind ``scope`` on the whole campaign, with ``limit`` set.
+    """
     limits = []
     forced = any(run.F.recorded.any() or run.pin.recorded.any() for run in runs)
     if runs and not forced:

@@ -91,14 +91,30 @@ def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
 
 
 def _over_turn(h: Hypothesis) -> Curve:
-    """Curve over a turn of a member."""
+    """Curve of a run-out: mesh error [m] over a turn of its member, 0 to 2 pi [rad].
+
+    Args:
+        h: hypothesis with the option ``member`` and k coefficients [m] named such as ``2 sin``.
+
+    Returns:
+        Angles (97,), matrix (97, k) from the coefficients to the mesh error, and names and units
+        of the axes.
+    """
     matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
     member = str(dict(h.options)["member"])
     return PHASES, matrix, (f"turn of the {member}", "rad", "mesh error", "m")
 
 
 def _over_shaft(h: Hypothesis) -> Curve:
-    """Curve over a turn of the input shaft, times the order."""
+    """Curve of a torque ripple over its period: a turn of the input shaft over the ``order``.
+
+    Args:
+        h: hypothesis with the option ``order`` and k coefficients [-] named such as ``2 sin``.
+
+    Returns:
+        ``order`` times the shaft angle (97,), 0 to 2 pi [rad], matrix (97, k) from the
+        coefficients to the share of T_1, and names and units of the axes.
+    """
     matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
     order = dict(h.options)["order"]
     return (

@@ -144,10 +144,17 @@ def _misses(sizes: Array, relative: float) -> Array:
 def by_stratum(
     campaigns: Sequence[CaseEvidence], draws: Sequence[Array]
 ) -> dict[str, dict[str, float]]:
-    """Headline figures of campaigns that count, also by noise, truth and channels: means of draws.
+    """Figures of ``headline`` for groups of the campaigns that count, see ``counted``.
 
     Args:
-        draws: (n, 4) rows of ``judged`` for each way to draw the folds.
+        campaigns: n campaigns.
+        draws: for each way to draw the folds, the rows (n, 4) of ``judged``.
+
+    Returns:
+        By name of the group, figures as means over the draws. Groups are all campaigns, those with
+        noise told or not, those without a cause, with one outside the catalogue or with effects,
+        those judged by density (``few sensors``), and those of each set of channels; groups
+        without campaigns are left out.
     """
     current = counted(campaigns)
     campaigns = [c for c, on in zip(campaigns, current.tolist(), strict=True) if on]

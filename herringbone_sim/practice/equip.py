@@ -140,7 +140,17 @@ def backlash_offset(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def thermal_backlash(p: RigModel, c: Cause, point: Point) -> RigModel:
-    """Change the half-backlash with delta_T."""
+    """Change the half-backlash of both flanks by a rate times delta_T, down to 0 at most.
+
+    Args:
+        p: rig model without the effect.
+        c: cause; its signed size is the rate [m/K] on the meshes of its locus, and its drawn curve
+            turns delta_T into an effective one, see ``laws.warm``.
+        point: operating point; delta_T [K] is used.
+
+    Returns:
+        Changed copy of the rig model.
+    """
     more = c.sign * c.size * warm(_curve(c), point["delta_T"]) * c.meshes
     return p._replace(
         half_backlash=np.maximum(p.half_backlash + more, 0.0),

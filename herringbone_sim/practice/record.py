@@ -182,7 +182,16 @@ def _motion_at(
 
 
 def geometry(u: Array) -> Array:
-    """Deflections (n, 12) over cos beta without errors, Eqs. (15), (16), from bodies u (n, 9)."""
+    """Deflections of the meshes without e(t), divided by cos beta, Eqs. (15), (16).
+
+    Sun meshes: sun minus planet minus carrier; ring meshes: planet minus carrier.
+
+    Args:
+        u: (n, 9) base radius times rotation [m], in the order of ``BODIES``; or its rate [m/s].
+
+    Returns:
+        (n, 12) in the order of ``MESHES``, in the unit of u.
+    """
     suns = np.repeat(u[:, :2], 3, axis=1)
     planets, carrier = u[:, 3:9], u[:, 2:3]
     return np.concatenate([suns - planets - carrier, planets - carrier], axis=1)
@@ -278,11 +287,14 @@ def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[st
 
 
 def period(motion: Motion, per_cycle: int) -> int:
-    """Mesh cycles after which all x repeat within 1e-3 of their RMS, at most 12; 0 if none.
+    """Mesh cycles after which all x repeat, at most 12; 0 if none.
+
+    They repeat if no x in the second half of the run differs from that so many cycles later by
+    1e-3 of the RMS or more.
 
     Args:
+        motion: the motion of the run.
         per_cycle: samples of a mesh cycle.
-        drifts: lead of channels with a clock of their own, per time since the first sample.
     """
     tail = motion.x[len(motion.x) // 2 :]
     near = 1e-3 * rms(tail)

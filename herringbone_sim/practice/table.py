@@ -79,7 +79,7 @@ def bench_rows(bench: Bench) -> list[Row]:
 
 
 def _untargeted(rows: Sequence[Row]) -> list[Row]:
-    """Rows without targets."""
+    """Copies of all rows with their targets removed: ``least`` -inf, ``most`` inf."""
     return [replace(row, least=-np.inf, most=np.inf) for row in rows]
 
 

@@ -31,7 +31,12 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def json_text(path: Path) -> str:
-    """Text of a file for ``parse_json``; raises as ``read_json``."""
+    """Text of a file, for ``parse_json``; it is not parsed here.
+
+    Raises:
+        OSError: no such file, unreadable, or not a regular file.
+        JsonError: more than ``MOST_BYTES`` bytes, or not UTF-8.
+    """
     try:
         return file_text(path, MOST_BYTES)
     except ValueError as error:

@@ -60,7 +60,12 @@ class SimClock:
                 self._publisher.publish(clock_message(self._t_s()))
 
     def _second_publisher_stays(self) -> bool:
-        """Whether another publisher, discovered late, has not given way after a drawn wait."""
+        """Whether this node must give way to another publisher that was discovered late.
+
+        The call that first finds one within ``LATE_S`` after the start draws a wait of up to
+        ``PATIENCE_S``. True at a call after that wait that still finds it; a call that does not
+        find it ends the wait. False from ``LATE_S`` + ``PATIENCE_S`` after the start on.
+        """
         now = time.monotonic()
         if now > self._settled + PATIENCE_S:
             return False

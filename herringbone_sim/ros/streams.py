@@ -37,11 +37,18 @@ ENOUGH_PER_CYCLE = 8
 
 
 class Decimator:
-    """Selects the samples of ``~/state``: evenly spaced if the rate allows it, else at phase 0.
+    """Selects the samples of ``~/state``, on average at most ``publish_rate`` of them a second.
 
-    At phase 0 only every m-th mesh cycle is taken, with m coprime to 2, 3, 5 and 7, so that a
-    motion of period 2, 3, 4, ... shows all its points: a live plot then shows a section, not an
-    alias.
+    Evenly spaced samples if the rate allows at least ``ENOUGH_PER_CYCLE`` a mesh cycle, or all of
+    them. Else the sample at phase 0 of every m-th mesh cycle, with m the smallest number that
+    keeps the rate and is coprime to 2, 3, 5 and 7. A motion whose period in mesh cycles has no
+    larger prime factors then shows all its points: a live plot shows a section, not an alias.
+
+    Args:
+        publish_rate: largest rate of ``~/state`` [Hz of wall time].
+
+    Attributes:
+        speed: simulation time over wall time.
     """
 
     def __init__(self, publish_rate: float) -> None:

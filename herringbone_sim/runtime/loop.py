@@ -186,10 +186,13 @@ class Loop:
         except Exception as error:
             self._fail(f"the effects can't be compiled: {type(error).__name__}: {error}")
             raise
-        with self._lock:
-            self._preparing -= 1
-            self._pending.append(wanted)
-            self._lock.notify_all()
+        else:
+            with self._lock:
+                self._pending.append(wanted)
+                self._lock.notify_all()
+        finally:
+            with self._lock:
+                self._preparing -= 1
 
     @property
     def ready(self) -> bool:
@@ -205,9 +208,11 @@ class Loop:
         def begun() -> None:
             self._compiling = True
 
-        with on_compiling(begun):
-            warm_up(machine.model)
-        self._compiling = False
+        try:
+            with on_compiling(begun):
+                warm_up(machine.model)
+        finally:
+            self._compiling = False
 
     def set_factor(self, real_time_factor: float) -> None:
         with self._lock:
@@ -264,7 +269,15 @@ class Loop:
                 step.end(self._model, self._state)
 
     def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
-        """Result of do(model, state), run by the loop's thread between two blocks.
+        """Result of do(model, state), run by the loop's thread between two blocks or at its end.
+
+        Before the kernel is ready it is run at once by the caller's thread. What ``do`` raises is
+        raised here. After a timeout it is not run any more; where it has begun, its end is waited
+        for. Not for use in the loop's thread, which would wait for itself.
+
+        Args:
+            do: called with the model and the state in force.
+            timeout_s: longest wait for the loop to begin it [s].
 
         Raises:
             HerringboneError: the loop has ended, or did not come to it in time.
@@ -272,6 +285,8 @@ class Loop:
         answer: Future[T] = Future()
 
         def run() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
             try:
                 answer.set_result(do(self._model, self._state))
             except Exception as error:
@@ -287,6 +302,8 @@ class Loop:
         try:
             return answer.result(timeout_s)
         except FutureTimeoutError as error:
+            if not answer.cancel():  # under way, or what ``do`` raised itself
+                return answer.result()
             raise HerringboneError(
                 f"the simulation did not come to it within {timeout_s:g} s: try again"
             ) from error
@@ -313,7 +330,7 @@ class Loop:
             self._end()
 
     def _end(self) -> None:
-        """Answer all that still wait."""
+        """Mark the loop as ended, end a step under way, and run the calls that still wait."""
         with self._lock:
             self._over = True
             self._end_step("the simulation ended")

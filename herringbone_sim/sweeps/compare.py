@@ -105,7 +105,12 @@ class BoundaryShift:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Interval of the parameter, and the different motions that coexist in it."""
+    """Interval of the parameter in which several motions coexist.
+
+    Attributes:
+        low, high: first and last value of the parameter, in its unit.
+        motions: names of the motions, sorted, as in ``motions_at``.
+    """
 
     low: float
     high: float

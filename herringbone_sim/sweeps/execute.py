@@ -76,7 +76,14 @@ def run_stores(
 
 
 def _report_damaged(store: Store, lacking: Sequence[int]) -> None:
-    """Print the names of parts whose files exist but fail their check."""
+    """Print on stderr the names of the files of parts that must be computed: those are damaged.
+
+    Without such a file nothing is printed.
+
+    Args:
+        store: parts of one sweep.
+        lacking: numbers of the parts that are not stored, or damaged, of ``store.missing``.
+    """
     paths = [store.path(part) for part in lacking]
     names = [path.name for path in paths if path.exists()]
     if names:

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import executable, main
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import names
+from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.version import VERSION
 
@@ -119,6 +121,10 @@ def test_a_file_that_is_checked_tells_what_no_gear_could_be(
     assert main(["parameters", "--check", str(path)]) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith(f"{path}: ")
+    scales = build(load_parameters(path)).scales
+    assert (
+        f"\nomega_n {scales.omega_n:.6g} rad/s; base radii r_bs {scales.r_bs:.6g}, " in printed.out
+    )
     assert printed.out.count("no such gear can be assembled") == 1
     assert printed.err == ""
 

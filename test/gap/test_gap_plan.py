@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,12 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.planning.plan import Plan, plan
-from herringbone_sim.gap.planning.summary import effect_summaries, ranked_runs
+from herringbone_sim.gap.planning.summary import (
+    effect_summaries,
+    place_text,
+    plan_to_dict,
+    ranked_runs,
+)
 from herringbone_sim.gap.planning.synthetic import SensorNoise, known_sensors, simulate_campaign
 from herringbone_sim.gap.sensors.detrended import only_windows_possible
 
@@ -88,6 +94,18 @@ def test_what_a_mesh_does_not_feel_is_not_told(of_mesh: Plan) -> None:
     assert {o.locus.side for o in of_mesh.detectabilities} <= {"L", "all"}
     assert "torque_ripple" in of_mesh.not_sought
     assert "ring_flexibility" in of_mesh.not_planned
+
+
+def test_a_plan_names_the_channels_of_sensor_effects(of_mesh: Plan) -> None:
+    gains = of_mesh.of_effect("sensor_gain")
+    places = [place_text(one) for one in gains]
+    assert len(set(places)) == len(places)
+    assert "F sp/1/L" in places
+    exchanged = replace(gains[0], options=(("channels", ("u_s_L", "u_c")),))
+    assert place_text(exchanged) == "u_s_L and u_c"
+    data = plan_to_dict(of_mesh, [{} for _ in TWO], CYCLES, {})
+    of = [e["options"]["channels"] for e in data["effects"] if e["effect"] == "sensor_gain"]
+    assert [list(dict(one.options)["channels"]) for one in gains] == of
 
 
 def test_more_noise_asks_for_larger_effects(of_mesh: Plan) -> None:

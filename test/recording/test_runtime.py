@@ -219,6 +219,40 @@ def test_an_error_in_a_call_reaches_the_caller_and_the_loop_goes_on(
     run.until(len(run.got) + 2)
 
 
+def test_a_call_that_came_too_late_is_not_made_after_all(model: Model, runs: list[Run]) -> None:
+    run = Run(model)
+    runs.append(run)
+    inside, go_on = threading.Event(), threading.Event()
+    made: list[str] = []
+
+    def hold(_: Delivery) -> None:
+        inside.set()
+        go_on.wait(10.0)
+
+    run.hook = hold
+    run.loop.start()
+    assert inside.wait(10.0)
+    with pytest.raises(HerringboneError, match=r"did not come to it within 0\.01 s"):
+        run.loop.call(lambda *_: made.append("late"), timeout_s=0.01)
+    run.hook = lambda _: None
+    go_on.set()
+    run.loop.call(lambda *_: made.append("in time"))
+    assert made == ["in time"]
+
+
+def test_a_timeout_of_what_is_called_is_its_own(model: Model, runs: list[Run]) -> None:
+    """Such as that of a disk on the network."""
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+
+    def fail(*_: object) -> None:
+        raise TimeoutError("the disk")
+
+    with pytest.raises(TimeoutError, match="the disk"):
+        run.loop.call(fail)
+
+
 def test_a_broken_sink_is_reported(model: Model, runs: list[Run]) -> None:
     run = Run(model)
     runs.append(run)

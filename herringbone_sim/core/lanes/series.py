@@ -284,7 +284,16 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
 
 @inlined
 def begin_series(shape, w, row):
-    """Order 0 of all coordinates from the state or a tangent vector."""
+    """Copy a row of ``w.y`` into order 0 of the series of displacements and of velocities.
+
+    Coordinates that effects add are included.
+
+    Args:
+        shape: tuples whose lengths are the numbers of sides and of classes of planets, and 1 for
+            gears that are not plain.
+        w: scratch of the batch, see ``Work``.
+        row: 0 the state, from 1 on the tangent vectors.
+    """
     m = len(shape[0]) * (1 + len(shape[1]))
     for k in range(m):
         store(w.q, 0, k, load(w.y, row, k))

@@ -28,7 +28,15 @@ WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]
 
 @inlined
 def plan(at, lane):
-    """The next whole step of a lane to the end of its piece."""
+    """Set the step that a lane tries next towards the end of its piece.
+
+    The rest of its piece is divided into equal steps, none longer than ``WANT``; ``TRIED`` is one
+    of them and ``MODE`` is ``WHOLE``.
+
+    Args:
+        at: (rows, lanes) ``LaneTrial.lane``, rows as in ``places``; lengths in units of tau.
+        lane: index of the lane.
+    """
     left = at[REACH, lane] - at[DONE, lane]
     at[MODE, lane], at[TRIED, lane] = WHOLE, left / math.ceil(left / at[WANT, lane])
 

@@ -55,23 +55,28 @@ SHAFTS = ("s_L", "s_R", "c")
 class PreparedRun:
     """One run as arrays, the input of the diagnosis.
 
+    ``x``, ``v``, ``F``, ``u``, ``a`` and ``pin`` are ``Measured``: NaN where not recorded.
+
     Attributes:
         name: of the folder.
         role: ``fit`` or ``held_out``.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
-        times: (n,) [s]; 0 is the first sample of the recording, which may have been cut off.
+        times: (n,) [s] since the first sample of the recording; the run begins later than 0 if
+            its first part was left out.
         phase: (n,) mesh phase [rad], unwrapped.
         x, v, F: (n, n_mesh) displacement [m], rate [m/s], force [N], in the order of the layout.
-        u, a: (n, n_bodies) rotation times base radius [m], and its acceleration [m/s^2].
+        u, a: (n, n_bodies) rotation times base radius [m], and its second derivative [m/s^2].
         pin: (n, planets) force of each planet on the carrier [N].
         model: nominal model at the operating point.
-        waves: nominal k(t), e(t) and its derivatives at the recorded phase.
-        recorded_point: (n,) recorded channels among K, delta_T and T_1.
+        waves: nominal k(t), e(t) and the derivatives of e(t) at ``phase`` minus ``delay_rad``, the
+            harmonics of e(t) times ``e_share``.
+        recorded_point: (n,) recorded channels among K, delta_T and T_1, by name.
         findings: problems of the recording, such as channels left out and breaks of the clock.
-        delay_rad: delay common to all channels in mesh phase, see ``sensors.filter_delay``.
-        e_share: factor that a filter common to all channels puts on e(t) in x.
-        detrended: rotations, such as ``u_c``, that lack their mean and trend: those of an encoder
-            that counts from an arbitrary mark.
+        delay_rad: delay common to all channels [rad of mesh phase], see
+            ``gap.sensors.filter_delay``.
+        e_share: factor on the harmonics of e(t) in x by a filter common to all channels; 1: none.
+        detrended: names of rotations, such as ``u_c``, recorded without mean and trend: those of
+            an encoder that counts from an arbitrary mark.
     """
 
     name: str

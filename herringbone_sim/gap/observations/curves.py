@@ -198,7 +198,11 @@ def _pin(gear: Gear) -> Iterator[Variant]:
 
 
 def _backlash(gear: Gear) -> Iterator[Variant]:
-    """Change of the half-backlash; the back flank and ring meshes may change differently."""
+    """Yield one variant: the half-backlash of both flanks changes by an offset [m].
+
+    Departures: a further change of the back flank, of both flanks of the ring meshes, and of the
+    back flank of the ring meshes.
+    """
     ring = is_ring(gear.model.layout)
     departures = [
         _flanks("back flank", 0.0, 1.0),

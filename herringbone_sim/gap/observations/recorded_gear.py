@@ -141,7 +141,7 @@ class RecordedGear:
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
-        """Windows of all runs."""
+        """Windows of every run, in the order of ``runs``; those not built before are built."""
         return tuple(parallel_map(self.trajectory_of, range(len(self.runs))))
 
     def trajectory_under(self, r: int, amplitudes: Amplitudes) -> Trajectory:

@@ -50,7 +50,16 @@ class Contacts:
     residual: Array
 
     def folded(self, kind: str, bins: int) -> Array:
-        """Response (n_mesh, bins, rows) summed over revolutions of ``bins`` times."""
+        """Sum the response over the revolutions of a member.
+
+        Args:
+            kind: kind of event, a key of ``response``.
+            bins: trial positions of a contact per revolution, ``MIDDLES_PER_CYCLE`` a mesh cycle.
+
+        Returns:
+            (n_mesh, bins, rows), over the noise. Bin i holds the sum over the times i, i + bins,
+            i + 2 bins, ..., counted from mesh phase 0 as ``first_time`` is.
+        """
         of = self.response[kind]
         found = np.zeros((len(of), bins, of.shape[2]))
         done, times = 0, of.shape[1]

@@ -137,7 +137,6 @@ def plan(
     say("calibration")
     search = Search(machine)
     hypotheses = machine.hypotheses()
-    by_windows = machine.gear.uses_windows
     machine, events = machine.with_parts(_teeth(machine.gear))
     hypotheses += [replace(h, n_own=1) for h in events]
     search = search.onwards(machine)
@@ -151,8 +150,7 @@ def plan(
     )
     sought = {one.effect for one in detectabilities}
     others = [name for name in known_effects() if name not in sought]
-    known = ("channel_swap",) if by_windows else (*SEAT_PARAMETERS, "channel_swap")
-    parts = tuple(n for n in others if n in known)
+    parts = tuple(n for n in others if n in (*SEAT_PARAMETERS, "channel_swap"))
     return Plan(
         tuple(sensors),
         machine.observation_names,

@@ -117,11 +117,18 @@ def sensors_text(plan: Plan) -> str:
 
 
 def place_text(one: Detectability) -> str:
-    """Locus and options as short text."""
+    """Mesh, planet, side and options of an effect as text, such as ``sp/2/L, order 2``.
+
+    The locus of all meshes is ``all``; for effects of sensors, the channels stand instead.
+    """
+    options = dict(one.options)
+    channels = options.pop("channels", None)
     text = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
     text = text.replace("all/all/all", "all")
-    options = [f"{k} {v}" for k, v in one.options if k != "sense" and isinstance(v, str | int)]
-    return ", ".join([text, *options])
+    if isinstance(channels, tuple):
+        text = " and ".join(channels) if "_" in channels[0] else f"{channels[0]} {text}"
+    named = [f"{k} {v}" for k, v in options.items() if k != "sense" and isinstance(v, str | int)]
+    return ", ".join([text, *named])
 
 
 def plan_to_dict(
@@ -164,7 +171,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
             {
                 "effect": one.effect,
                 "locus": vars(one.locus).copy(),
-                "options": {k: v for k, v in one.options if isinstance(v, str | int)},
+                "options": {k: list(v) if isinstance(v, tuple) else v for k, v in one.options},
                 "unit": one.unit,
                 "moderate": one.moderate,
                 "named_from": _finite(one.named_from),

@@ -64,7 +64,13 @@ def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | 
 
 
 def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> dict[str, Any]:
-    """Result of ``locate`` as plain data for the report; empty without a force-law residual."""
+    """Where the residual of the calibrated force law in the fit runs lies, for ``report.json``.
+
+    Returns:
+        Empty without a force law. Else ``shares``: of each factor the rows of ``_share``;
+        ``teeth``: of each member the meshes at which the residual repeats with its turns;
+        ``shaft_orders``: orders of the input shaft with which it repeats, as text.
+    """
     if calibrated.per_mesh is None:
         return {}
     cases = calibrated.cases

@@ -31,7 +31,7 @@ PANELS = {
 
 
 def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
-    """``bifurcation.png`` and ``.svg`` in a folder; returns both paths."""
+    """Write ``bifurcation.png`` and ``.svg`` into an existing folder; returns both paths."""
     return save_map(diagram_figure(diagram), folder, "bifurcation")
 
 

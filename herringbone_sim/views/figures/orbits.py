@@ -81,7 +81,12 @@ def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: 
 
 
 def stability_of(point: BranchPoint) -> str:
-    """``stable``, ``unstable``, ``transversally unstable`` or ``unstable both ways``."""
+    """Stability of an orbit in words, by its multipliers outside the unit circle.
+
+    Returns:
+        ``stable``: none; ``unstable``: of ``multipliers.within`` alone; ``transversally
+        unstable``: of ``multipliers.transverse`` alone; ``unstable both ways``: of both.
+    """
     return STABILITY[_kind(point)][0]
 
 

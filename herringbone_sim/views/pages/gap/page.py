@@ -112,7 +112,15 @@ def gap_page(
 
 
 def _which(report: Report) -> tuple[list[dict[str, object]], list[tuple[str, str]]]:
-    """Values of the causes with a bar, and name and probability of the others."""
+    """Values of the template's section "Which": causes with a bar, and the others as a list.
+
+    A cause has a bar if its effect is named in the verdict, or if it is among the ``TOP_CAUSES``
+    most probable ones with a probability of ``LEAST_PROBABILITY`` or more.
+
+    Returns:
+        Values of each cause with a bar, see ``_cause``; effect id and probability as text of each
+        of the others. Both in the order of ``report.causes``, the most probable first.
+    """
     verdict = named_effects(report.verdict)
     listed = [
         cause
