@@ -64,7 +64,7 @@ def _run(argv: Sequence[str] | None) -> int:
     from herringbone_sim.cli.arguments import help_of, parse
 
     own, of_ros = split_ros(words)
-    if HELP & set(own):
+    if HELP & set(own[: own.index("--")] if "--" in own else own):
         print(help_of(verb))
         return 0
     with warnings.catch_warnings():

@@ -66,7 +66,7 @@ def _module(verb: str) -> Any:
 
 
 def _app(module: Any) -> App:
-    defaults = Parameter(negative=(), allow_repeating=True)
+    defaults = Parameter(negative=(), allow_repeating=True, json_list=False, json_dict=False)
     app = App(help_flags=(), version_flags=(), default_parameter=defaults)
     app.default(module.run)
     return app
@@ -75,11 +75,12 @@ def _app(module: Any) -> App:
 def _completed(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
     """Words in which no option lacks its value if that may be left out."""
     alone = {name: value for a in known for value in _notes(a, Alone) for name in a.names}
-    ends = [re.match(r"-\D|$", after) for after in (*words[1:], "")]
-    return [
-        f"{word}={alone[word].value}" if end and word in alone else word
-        for word, end in zip(words, ends, strict=False)
-    ]
+    last = words.index("--") if "--" in words else len(words)
+    found = list(words)
+    for i, word in enumerate(words[:last]):
+        if word in alone and (i + 1 == last or re.match(r"-(?![\d.])", words[i + 1])):
+            found[i] = f"{word}={alone[word].value}"
+    return found
 
 
 def _wrong(error: CycloptsError, known: Sequence[Argument], words: Sequence[str]) -> str:

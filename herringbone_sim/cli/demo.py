@@ -32,6 +32,8 @@ def run(
 ) -> int:
     """Run all steps; exit code 0, HerringboneError if one fails."""
     out = out.absolute()
+    if Path.cwd().is_relative_to(out):
+        raise RecordingError(f"{out} is where you are, or above it: name another --out")
     if out.exists() and not force:
         raise RecordingError(f"{out} is there already: name another --out, or give --force")
     shutil.rmtree(out, ignore_errors=True)

@@ -46,7 +46,7 @@ class SettingOptions:
     noise: Annotated[Names, "KINDS", ", ".join(NOISES)] = ("white",)
     law: Annotated[str, "LAW", "curves of the effects: catalogue, other"] = "both"
     channels: Annotated[Names, "SETS", ", ".join(CHANNEL_SETS)] = ("full",)
-    samples: Annotated[Numbers, "N,...", "of a mesh cycle, a list"] = (24.0,)
+    samples: Annotated[Numbers, "N,...", "samples of a mesh cycle, a list"] = (24.0,)
     d: Annotated[Numbers, "D,...", "detectabilities to draw from"] = (3.0, 10.0)
     regime: Annotated[Names, "R,...", "varied, quiet"] = ("varied",)
     truth: Annotated[

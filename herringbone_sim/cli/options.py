@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -39,7 +40,8 @@ def one_of(title: str, least: int = 1) -> Parameter:
         given = [argument.name for argument in arguments if argument.tokens]
         if not least <= len(given) <= 1:
             got = " and ".join(given) or "none"
-            raise ValueError(f"one of {', '.join(names)} must be given, got {got}")
+            rule = "one of" if least else "at most one of"
+            raise ValueError(f"{rule} {', '.join(names)} must be given, got {got}")
 
     return Parameter(group=Group(title, validator=check))
 
@@ -62,9 +64,12 @@ def _names(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
 
 def _numbers(_: Any, tokens: Sequence[Token]) -> tuple[float, ...]:
     try:
-        return tuple(float(number) for number in tokens[-1].value.split(","))
+        numbers = tuple(float(number) for number in tokens[-1].value.split(","))
     except ValueError:
-        raise ValueError("must be numbers, separated by commas") from None
+        numbers = ()
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ValueError("must be finite numbers, separated by commas")
+    return numbers
 
 
 File = Annotated[Path, "FILE"]
@@ -81,7 +86,9 @@ Run = Annotated[Path, "RUN", "run folder, as runs/my_run, or a .mcap file"]
 Mesh = Annotated[str | None, "NAME", "mesh that the figures show, as sp_L (default: the first)"]
 Workers = Annotated[Count, limits(gte=1), "threads"]
 Scheduler = Annotated[str | None, "ADDRESS", "Dask cluster to run on instead, as tcp://HOST:8786"]
-Seeds = Annotated[str | None, "A:B", "a campaign per seed: ranges without their end, or lists"]
+Seeds = Annotated[
+    str | None, "A:B", "a campaign per seed: ranges that exclude their end, or lists"
+]
 Starts = Annotated[Count, limits(gte=1), "random initial states"]
 Discarded = Annotated[Count, "mesh cycles to discard first"]
 

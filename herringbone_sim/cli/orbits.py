@@ -15,6 +15,7 @@ phase 0) and boundaries.csv.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -53,14 +54,17 @@ def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
     Raises:
         ValueError: another text, or a period outside 1 .. ``MAX_PERIOD``.
     """
-    pairs = [token.value.partition(":") for token in tokens]
-    try:
-        starts = tuple((float(value), int(n) if n else None) for value, _, n in pairs)
-    except ValueError:
-        raise ValueError("must be values such as 85 or 85:2") from None
-    if any(n is not None and not 1 <= n <= MAX_PERIOD for _, n in starts):
-        raise ValueError(f"must have a period in 1 .. {MAX_PERIOD}")
-    return starts
+    starts: list[Start] = []
+    for token in tokens:
+        value, _, n = token.value.partition(":")
+        try:
+            start = float(value), int(n) if n else None
+        except ValueError:
+            raise ValueError(f"takes values such as 85 or 85:2, not {token.value}") from None
+        if not math.isfinite(start[0]) or not 1 <= (start[1] or 1) <= MAX_PERIOD:
+            raise ValueError(f"takes a finite value and a period in 1 .. {MAX_PERIOD}")
+        starts.append(start)
+    return tuple(starts)
 
 
 @flattened

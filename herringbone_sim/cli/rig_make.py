@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from herringbone_sim.cli.options import Count, File, Folder, Names, flattened
+from herringbone_sim.cli.options import Count, File, Folder, Names, flattened, limits
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.written import parse_effect
@@ -40,9 +40,13 @@ class Options:
     runs: Annotated[Count, "runs"] = 8
     held_out: Annotated[Count, "of them, of role held_out"] = 3
     cycles: Annotated[Count, "mesh cycles of a run"] = 120
-    snr: Annotated[float, "DB", "signal-to-noise ratio of every channel"] = 40.0
+    snr: Annotated[
+        float, "DB", limits(gt=-200, lt=1000), "signal-to-noise ratio of every channel"
+    ] = 40.0
     bits: Annotated[Count, "of the converter; 0: none"] = 16
-    tolerance: Annotated[float, "SHARE", "of the parameters, as a share"] = 0.02
+    tolerance: Annotated[float, "SHARE", limits(gte=0, lt=1), "of the parameters, as a share"] = (
+        0.02
+    )
     seed: Annotated[Count, "of all random numbers"] = 0
     later: Annotated[
         Count,

@@ -75,6 +75,9 @@ def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
         off = every[:, i] - inside[i]
         if p.unit == "rad":
             off = np.angle(np.exp(1j * off))
+        elif p.name == "position" and isinstance(h.source, Event):
+            turn = h.source.turn
+            off = (off + 0.5 * turn) % turn - 0.5 * turn
         a, b = np.quantile(off, [0.05, 0.95])
         model_error = HALF_90 * relative_error() * _size(effect, p, inside)
         a, b = inside[i] - np.hypot(a, model_error), inside[i] + np.hypot(b, model_error)

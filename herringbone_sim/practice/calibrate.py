@@ -137,7 +137,7 @@ def _misses(sizes: Array, relative: float) -> Array:
     """Errors (n,) divided by half of the 90 % interval."""
     error, sd, size = sizes.T
     half = judge.HALF_90 * np.hypot(sd, relative * size)
-    miss = np.full(len(half), np.inf)
+    miss = np.where(error == 0.0, 0.0, np.inf)
     return np.asarray(np.divide(np.abs(error), half, out=miss, where=half > 0.0))
 
 

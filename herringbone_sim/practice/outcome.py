@@ -305,12 +305,16 @@ def size_errors(
         if not _same_place(told, cause) or not all(_number(v) for v in true):
             continue
         size = float(np.hypot.reduce(np.subtract(true, neutral)))
-        for name, value in zip(names, true, strict=True):
+        reported = [_value(cause, name) for name in names]
+        if not all(map(_number, reported)):
+            continue
+        included = relative_error * float(np.hypot.reduce(np.subtract(reported, neutral)))
+        for name, value, estimate in zip(names, true, reported, strict=True):
             entry = (cause.get("parameters") or {}).get(name) or {}
-            interval, estimate = entry.get("ci90"), entry.get("value")
-            if interval is not None and all(map(_number, (*interval, estimate))):
+            interval = entry.get("ci90")
+            if interval is not None and all(map(_number, interval)):
                 whole = 0.5 * (interval[1] - interval[0]) / HALF_90
-                variance = whole**2 - (relative_error * size) ** 2
+                variance = whole**2 - included**2
                 found.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -127,11 +128,15 @@ def test_what_is_for_ros_is_handed_on_as_it_is(
         (
             "orbits",
             [*ORBITS, "--start", "85:99"],
-            "--start must have a period in 1 .. 64, got '85:99'",
+            "--start takes a finite value and a period in 1 .. 64, got '85:99'",
         ),
         ("reproduce", ["--out=x", "--xi", "a"], "--xi must be a number, got 'a'"),
         ("gap live", ["--every", "0"], "--every must be > 0.0, got '0'"),
-        ("gap bench", ["--snr", "loud"], "--snr must be numbers, separated by commas, got 'loud'"),
+        (
+            "gap bench",
+            ["--snr", "loud"],
+            "--snr must be finite numbers, separated by commas, got 'loud'",
+        ),
         ("info", ["run", "--json=maybe"], "--json must be true or false, got 'maybe'"),
         (
             "map",
@@ -147,12 +152,19 @@ def test_what_is_for_ros_is_handed_on_as_it_is(
         (
             "show",
             ["run", "--spawn", "--connect=box:1"],
-            "one of --spawn, --save, --serve, --connect must be given, got --spawn and --connect",
+            "at most one of --spawn, --save, --serve, --connect must be given, got --spawn and "
+            "--connect",
         ),
         (
             "sweep",
             [*SWEEP, "--wrokers", "2"],
             "unknown arguments --wrokers 2: did you mean --workers?",
+        ),
+        ("rig make", ["--out", "x", "--snr", "nan"], "--snr must be < 1000, got 'nan'"),
+        (
+            "orbits",
+            ["--over", "xi", "--from", "0", "--to", "1", "--out", "x", "--start", "1", "a", "2"],
+            "--start takes values such as 85 or 85:2, not a, got '2'",
         ),
         ("info", ["--jsn"], "unknown arguments --jsn: did you mean --json?"),
         (
@@ -186,8 +198,9 @@ def test_what_is_wrong_is_an_error_of_its_own() -> None:
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_fits_a_terminal(verb: str) -> None:
     """But for tables and examples, which are as they are written."""
-    options = help_of(verb).partition("\noptions:")[2].partition("\nexample")[0]
-    assert max(map(len, options.splitlines())) < 80
+    _, *described = help_of(verb).partition("\nexample")[0].split("\n\n")
+    groups = [part for part in described if re.match(r".*:\n  ", part)]
+    assert max(map(len, "\n".join(groups).splitlines())) < 80
     assert not [line for line in help_of(verb).splitlines() if line != line.rstrip()]
 
 

@@ -170,9 +170,22 @@ def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: Gear) -> N
     h = event.hypothesis(CoefficientBuilder(with_event), "event")
     curve = np.where(np.isclose(KNOTS, -0.5), 1.0, 0.0)
     assert curve.any()
-    active = named(h, np.array([0.0, *curve])).active
-    position = active.theta[[p.name for p in active.effect.parameters].index("position")]
-    assert position == pytest.approx(26.6)
+    found = named(h, np.array([0.0, *curve]))
+    i = [p.name for p in found.active.effect.parameters].index("position")
+    assert found.active.theta[i] == pytest.approx(26.6)
+
+
+def test_the_interval_of_a_position_does_not_go_round(gear: Gear) -> None:
+    event = Event("tooth_crack", Locus("sp", "1", "L"), "sun", 27.0, 0.02, (0.0,) * 12)
+    with_event = gear.with_functions(event.functions(gear, "event"))
+    h = event.hypothesis(CoefficientBuilder(with_event), "event")
+    mean = np.array([c.sd for c in h.coefficients[:1]] + [0.0] * (len(h.coefficients) - 1))
+    spread = np.diag(np.full(len(mean), 0.02**2))
+    score = Score(h.coefficients, mean, spread, mean[None], mean[:1], 0.0, 0.0, 1.0, {})
+    [found] = name_effects((h,), score)
+    i = [p.name for p in found.active.effect.parameters].index("position")
+    low, high = found.intervals[i]
+    assert high - low < 2.0
 
 
 PINS = "; ".join(f"pin_position@all/{planet}/all:offset=1e-9" for planet in (1, 2, 3))

@@ -103,6 +103,9 @@ def test_a_plan_names_the_channels_of_sensor_effects(of_mesh: Plan) -> None:
     assert "F sp/1/L" in places
     exchanged = replace(gains[0], options=(("channels", ("u_s_L", "u_c")),))
     assert place_text(exchanged) == "u_s_L and u_c"
+    of_kind = replace(gains[0], options=(("channels", NOMINAL.layout.channels_of("x")),))
+    assert place_text(of_kind).startswith("x ")
+    assert max(map(len, [*places, place_text(of_kind)])) < 26
     data = plan_to_dict(of_mesh, [{} for _ in TWO], CYCLES, {})
     of = [e["options"]["channels"] for e in data["effects"] if e["effect"] == "sensor_gain"]
     assert [list(dict(one.options)["channels"]) for one in gains] == of

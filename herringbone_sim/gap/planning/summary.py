@@ -119,14 +119,16 @@ def sensors_text(plan: Plan) -> str:
 def place_text(one: Detectability) -> str:
     """Mesh, planet, side and options of an effect as text, such as ``sp/2/L, order 2``.
 
-    The locus of all meshes is ``all``; for effects of sensors, the channels stand instead.
+    The locus of all meshes is ``all``. For effects of sensors, one or two channels stand instead,
+    or the quantity and the locus of more.
     """
     options = dict(one.options)
     channels = options.pop("channels", None)
     text = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
     text = text.replace("all/all/all", "all")
     if isinstance(channels, tuple):
-        text = " and ".join(channels) if "_" in channels[0] else f"{channels[0]} {text}"
+        quantity, _, place = channels[0].partition("_")
+        text = " and ".join(channels) if place and len(channels) <= 2 else f"{quantity} {text}"
     named = [f"{k} {v}" for k, v in options.items() if k != "sense" and isinstance(v, str | int)]
     return ", ".join([text, *named])
 
