@@ -47,7 +47,7 @@ def run_cases(out, disabled):
     if disabled == "0":
         environment = {k: v for k, v in environment.items() if not k.startswith("COV")}
     command = [sys.executable, str(HERE / "interpreted.py"), str(out)]
-    subprocess.run(command, env=environment, check=True, timeout=600)
+    subprocess.run(command, env=environment, check=True, timeout=1500)
 
 
 @pytest.mark.parametrize("part", ["rows", "end", "tangents", "counts"])
