@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.diagnosis.evidence import Evidence
-from herringbone_sim.diagnosis.judge import relative_error
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.outcome import size_errors
 from herringbone_sim.practice.stored import stored_evidence
@@ -51,15 +50,22 @@ class CaseEvidence:
 def bench_evidence(folder: Path) -> list[CaseEvidence]:
     """Evidence of every finished campaign of a bench; raises as ``stored.stored_evidence``."""
     return [
-        case_evidence(label, report, evidence)
-        for label, report, evidence in stored_evidence(folder)
+        case_evidence(label, report, evidence, relative_error)
+        for label, report, evidence, relative_error in stored_evidence(folder)
     ]
 
 
 def case_evidence(
-    label: Mapping[str, Any], report: Mapping[str, Any], evidence: Evidence
+    label: Mapping[str, Any],
+    report: Mapping[str, Any],
+    evidence: Evidence,
+    relative_error: float,
 ) -> CaseEvidence:
-    """Evidence of a campaign diagnosed with the weights in force, from its label and report."""
+    """Evidence of a campaign from its label, its report and its stored numbers.
+
+    Args:
+        relative_error: see ``outcome.size_errors``.
+    """
     truth = tuple(sorted(label["truth"]))
     noise = label.get("noise", {})
     kind = noise.get("kind", "white") if isinstance(noise, dict) else str(noise)
@@ -70,7 +76,7 @@ def case_evidence(
         float(label["d_requested"]),
     )
     truth = () if truth == ("none",) else truth
-    sizes = tuple(size_errors(label, report, relative_error()))
+    sizes = tuple(size_errors(label, report, relative_error))
     return CaseEvidence(int(label["seed"]), truth, stratum, evidence, sizes)
 
 

@@ -18,6 +18,7 @@ Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")
 VERDICTS = (*OUTSIDE_CATALOGUE, "ambiguous")
 CONFIDENT = 0.5
+RELATIVE_ERROR = "relative error of a size"  # in case.json: of the intervals of its report
 
 # Parameters that measure the size of an effect, and their value without the effect.
 SIZES: dict[str, tuple[tuple[str, ...], float]] = {

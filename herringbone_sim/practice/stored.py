@@ -12,7 +12,7 @@ from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.bench import finished, read_json, read_seals
 from herringbone_sim.practice.label import read_label
-from herringbone_sim.practice.outcome import Outcome, outcome
+from herringbone_sim.practice.outcome import RELATIVE_ERROR, Outcome, outcome
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,12 @@ def read_bench(folder: Path) -> Bench:
     )
 
 
-def stored_evidence(folder: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence]]:
-    """Yield label, report and evidence of each finished campaign, to fit weights.
+def stored_evidence(
+    folder: Path,
+) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence, float]]:
+    """Yield label, report, evidence and relative error of each finished campaign, to fit weights.
+
+    The relative error is the model error of sizes that the intervals of the report contain.
 
     Raises:
         RecordingError: a label that was changed.
@@ -83,5 +87,11 @@ def stored_evidence(folder: Path) -> Iterator[tuple[dict[str, Any], dict[str, An
         record = read_json(folder / "reports" / name / "evidence.json")
         if record:
             label = read_label(folder / "labels" / f"{name}.json", sealed)
-            report = read_json(folder / "reports" / name / "report.json")
-            yield label, report, Evidence.read(record)
+            place = folder / "reports" / name
+            relative_error = read_json(place / "case.json").get(RELATIVE_ERROR)
+            if not isinstance(relative_error, float):
+                raise AnalysisError(
+                    f"{place / 'case.json'} must have the {RELATIVE_ERROR}, a number, got "
+                    f"{relative_error}: diagnose it again"
+                )
+            yield label, read_json(place / "report.json"), Evidence.read(record), relative_error

@@ -21,6 +21,7 @@ import numpy as np
 
 from herringbone_sim.core import cache
 from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.diagnosis.judge import relative_error
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.practice.arrays import as_prepared
@@ -33,6 +34,7 @@ from herringbone_sim.practice.campaign import (
 )
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
+from herringbone_sim.practice.outcome import RELATIVE_ERROR
 from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 
@@ -128,7 +130,7 @@ def diagnose_case(
         campaign = as_prepared(made)
         del made
         start = time.monotonic()
-        case: dict[str, Any] = {"sources": sources()}
+        case: dict[str, Any] = {"sources": sources(), RELATIVE_ERROR: relative_error()}
         try:
             found = diagnose(campaign, senses=False)
             case["seconds"] = time.monotonic() - start

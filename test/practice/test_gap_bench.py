@@ -18,6 +18,7 @@ from test_practice_score import a_label, a_report
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
 from herringbone_sim.practice import bench, trial
 from herringbone_sim.practice.arrays import as_prepared
@@ -25,7 +26,7 @@ from herringbone_sim.practice.baselines import rivals
 from herringbone_sim.practice.bench import name_of, read_seals, run_bench
 from herringbone_sim.practice.campaign import run_plan
 from herringbone_sim.practice.label import label_text, seal
-from herringbone_sim.practice.outcome import outcome
+from herringbone_sim.practice.outcome import RELATIVE_ERROR, outcome, size_errors
 from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench, stored_evidence
 from herringbone_sim.practice.table import (
@@ -315,9 +316,29 @@ def test_evidence_comes_back_from_plain_data(tmp_path):
     stored(tmp_path, [(a_label("stagger"), a_report("none", {"none": 1.0}))] * 2)
     text = json.dumps(GAP.written())
     (tmp_path / "reports" / name_of(1) / "evidence.json").write_text(text)
-    [(label, report, back)] = stored_evidence(tmp_path)
+    case = tmp_path / "reports" / name_of(1) / "case.json"
+    with pytest.raises(AnalysisError, match="must have the relative error of a size"):
+        list(stored_evidence(tmp_path))
+    case.write_text(json.dumps({RELATIVE_ERROR: 0.03}))
+    [(label, report, back, relative_error)] = stored_evidence(tmp_path)
     assert (label["truth"], report["verdict"]) == (["stagger"], "none")
-    assert back == GAP
+    assert (back, relative_error) == (GAP, 0.03)
+
+
+def test_the_model_error_of_an_interval_is_taken_out_of_what_is_fitted():
+    """Half of the interval is 1.645 root(sd^2 + (0.06 of the size)^2)."""
+    true, found, sd = 2e-5, 2.1e-5, 1e-6
+    half = HALF_90 * np.hypot(sd, 0.06 * found)
+    place = {"mesh": "all", "planet": "all", "side": "all"}
+    size = {"value": found, "unit": "m", "ci90": [found - half, found + half]}
+    told = {"effect": "runout", "locus": place, "parameters": {"amplitude": true}}
+    cause = {"effect": "runout", "locus": place, "probability": 1.0} | {
+        "parameters": {"amplitude": size}
+    }
+    [(error, left, of)] = size_errors({"effects": [told]}, {"causes": [cause]}, 0.06)
+    assert error == pytest.approx(found - true)
+    assert left == pytest.approx(sd)
+    assert of == true
 
 
 def test_rivals_name_what_their_rule_says():
