@@ -179,6 +179,7 @@ def analyze_segment(
     spectrum = amplitude_spectrum(kept, period.value or 1) if kept.cycles >= MIN_CYCLES else None
     half_backlash = gear.half_backlash_m(segment.point) if gear.half_backlash_m else None
     rate = whole.frequency_hz / gear.omega_n if gear.omega_n and len(whole) > 1 else float("nan")
+    of_model = _model_exponent(segment, section, gear, rate)
     return SegmentResult(
         number=number,
         span_s=(float(whole.times[0]), float(whole.times[-1])),
@@ -189,14 +190,14 @@ def analyze_segment(
         noise=noise,
         period=period,
         exponent=exponent,
-        model_exponent=_model_exponent(segment, section, gear, rate),
+        model_exponent=of_model,
         spectrum=spectrum,
         lines=lines(spectrum, period.value or 1) if spectrum else (),
         off_lines=share_off_lines(spectrum, period.value or 1) if spectrum else np.zeros(0),
         half_backlash_m=half_backlash,
         contact=contact_shares(kept, half_backlash),
         cycles_per_tau=rate,
-        notes=tuple(_notes(kept, segment, settled, noise, exponent)),
+        notes=tuple(_notes(kept, segment, settled, noise, period, (exponent, of_model))),
     )
 
 
@@ -286,9 +287,19 @@ def _model_exponent(
 
 
 def _notes(
-    motion: Motion, segment: Segment, settled: bool, noise: float, exponent: Exponent
+    motion: Motion,
+    segment: Segment,
+    settled: bool,
+    noise: float,
+    period: Period,
+    exponents: tuple[Exponent, tuple[float, float]],
 ) -> Iterator[str]:
-    """Yield sentences on what limits the results of a segment."""
+    """Yield sentences on what limits the results of a segment.
+
+    Args:
+        exponents: from the section points, and of the model with its standard error.
+    """
+    exponent, (value, error) = exponents
     yield from motion.notes
     if not settled:
         yield "still settling at half-time: the first half was dropped, results are of the rest"
@@ -298,7 +309,14 @@ def _notes(
         yield f"noise of {noise:.2%} of the motion's scale taken into account"
     if exponent.reach > WIDE_REACH:
         yield "few points for an exponent from data: it reads low, by more than its interval says"
-    if _sides_alike(motion):
+    if not _sides_alike(motion):
+        return
+    if period.value and value > 2.0 * error:
+        yield (
+            f"P{period.value} is transversally unstable: left and right are the same to rounding, "
+            f"and what parts them grows by the model's exponent, {value:.3g} a mesh cycle"
+        )
+    else:
         yield (
             "left and right are the same to rounding: the exponent from data can't see growth "
             "that parts them, the model's can"

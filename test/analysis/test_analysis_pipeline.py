@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from analysis_support import harmonic_series, henon, logistic, mapped_series
@@ -14,6 +16,7 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.recording.parameter_file import load_parameters
 
 
 def _staircase(levels: int = 5, dwell: int = 60) -> TimeSeries:
@@ -132,6 +135,18 @@ def test_exponent_of_the_simulators_chaos_agrees_with_its_tangent_flow() -> None
     assert result.label == "chaotic"
     assert result.exponent.value == pytest.approx(value, abs=0.04 + 3 * error)
     assert sum(c.drive + c.separated + c.back for c in result.contact) == pytest.approx(4)
+
+
+@pytest.mark.filterwarnings("ignore:no such gear")
+def test_a_periodic_motion_that_only_symmetry_keeps_is_said_to_be_unstable() -> None:
+    """P3 of the paper's gear: 0.019 per tau is what parts left and right, by `exponents`."""
+    parameters = load_parameters(Path(__file__).parents[2] / "config" / "paper.yaml")
+    parameters = parameters.changed({"K": 0.02, "delta_T": 50.0, "xi": 0.1})
+    series, _ = simulate(build(parameters), 1500)
+    (result,) = analyze_series(series, gear=gear_of(to_mapping(parameters), with_model=True))
+    assert result.label == "P3"
+    assert result.model_exponent[0] == pytest.approx(0.119, abs=0.002)
+    assert any(note.startswith("P3 is transversally unstable") for note in result.notes)
 
 
 @pytest.mark.filterwarnings("ignore:no such gear")
