@@ -31,7 +31,7 @@ def run(
     force: Annotated[bool, "replace the folder if it is there"] = False,
 ) -> int:
     """Run all steps; exit code 0, HerringboneError if one fails."""
-    out = out.absolute()
+    out = out.resolve()
     if Path.cwd().is_relative_to(out):
         raise RecordingError(f"{out} is where you are, or above it: name another --out")
     if out.exists() and not force:

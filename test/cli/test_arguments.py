@@ -190,6 +190,19 @@ def test_wrong_arguments_give_one_line_with_the_rule(
     assert printed.err == f"error: {told}{' ' if told[-1] in '?:' else ': '}see --help\n"
 
 
+@pytest.mark.parametrize("out", ["", ".", "..", "made/.."])
+def test_demo_does_not_replace_the_folder_that_one_is_in(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inside = tmp_path / "here"
+    inside.mkdir()
+    (inside / "mine.txt").write_text("mine")
+    monkeypatch.chdir(inside)
+    assert main(["demo", "--out", out, "--force"]) == 2
+    assert "where you are, or above it: name another --out" in capsys.readouterr().err
+    assert (inside / "mine.txt").read_text() == "mine"
+
+
 def test_what_is_wrong_is_an_error_of_its_own() -> None:
     with pytest.raises(ArgumentError, match="RUN must be given"):
         parse("info", [])

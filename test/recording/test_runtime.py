@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,15 @@ from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.errors import HerringboneError, ParameterError
-from herringbone_sim.runtime import Delivery, Loop, Stepped, WallTime, check_pace, sample_period_s
+from herringbone_sim.runtime import (
+    Delivery,
+    Loop,
+    Stepped,
+    WallTime,
+    check_pace,
+    loop,
+    sample_period_s,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -59,7 +68,7 @@ class Run:
         time.sleep(0.001)
 
     def until(self, blocks: int) -> None:
-        limit = time.monotonic() + 20.0
+        limit = time.monotonic() + 120.0  # a kernel may have to be compiled
         while len(self.got) < blocks:
             assert time.monotonic() < limit
             time.sleep(0.002)
@@ -229,8 +238,9 @@ def test_a_call_that_came_too_late_is_not_made_after_all(model: Model, runs: lis
         inside.set()
         go_on.wait(10.0)
 
-    run.hook = hold
     run.loop.start()
+    run.until(1)
+    run.hook = hold
     assert inside.wait(10.0)
     with pytest.raises(HerringboneError, match=r"did not come to it within 0\.01 s"):
         run.loop.call(lambda *_: made.append("late"), timeout_s=0.01)
@@ -251,6 +261,28 @@ def test_a_timeout_of_what_is_called_is_its_own(model: Model, runs: list[Run]) -
 
     with pytest.raises(TimeoutError, match="the disk"):
         run.loop.call(fail)
+
+
+def test_a_kernel_that_fails_to_compile_is_compiled_no_more(
+    model: Model, runs: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def begins_at_once(begun: Callable[[], None]) -> Iterator[None]:
+        begun()
+        yield
+
+    def fail(_: Model) -> None:
+        raise MemoryError("no memory")
+
+    monkeypatch.setattr(loop, "on_compiling", begins_at_once)
+    monkeypatch.setattr(loop, "warm_up", fail)
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+    run.loop.close()
+    assert "no memory" in run.faults[0]
+    assert not run.loop.compiling
 
 
 def test_a_broken_sink_is_reported(model: Model, runs: list[Run]) -> None:
