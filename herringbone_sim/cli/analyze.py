@@ -2,8 +2,8 @@
 its transient is discarded. The analysis gives
 
   period             P1, P2, ... in mesh cycles, or aperiodic
-  largest exponent   of the data with a 90 % interval, and of the model for the same parameters;
-                     above 0 the motion is chaotic
+  largest exponent   of the data with a 90 % interval, and of the model for the
+                     same parameters; above 0 the motion is chaotic
   spectrum           with the lines h / n of the mesh frequency
   Poincare section   one point per mesh cycle
   contact            share of time in drive contact, apart, in back contact

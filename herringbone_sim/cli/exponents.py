@@ -1,11 +1,15 @@
 """Tell whether the motion of a gear is chaotic, by every method at once:
 
-  tangent flow      the whole Lyapunov spectrum, with its convergence; its sum is checked
+  tangent flow      the whole Lyapunov spectrum, with its convergence; its sum
+                    is checked
   two trajectories  the largest exponent, over the distance of the two
-  left and right    largest exponents of perturbations that keep left and right alike, and of those
-                    that part them: above 0 a symmetric motion does not last in a real gear
-  recorded series   the largest exponent from the section alone, as from a recording
-  0-1 test          near 0 for regular motion, near 1 for chaos; needs no phase space
+  left and right    largest exponents of perturbations that keep left and right
+                    alike, and of those that part them: above 0 a symmetric
+                    motion does not last in a real gear
+  recorded series   the largest exponent from the section alone, as from a
+                    recording
+  0-1 test          near 0 for regular motion, near 1 for chaos; needs no phase
+                    space
 
 Exponents are per unit of the dimensionless time tau, errors are standard errors.
 

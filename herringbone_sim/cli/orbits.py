@@ -6,8 +6,10 @@ and named:
   fold            a multiplier passes +1 and the branch turns back
   crossing        a multiplier passes +1 and the branch goes on
   Neimark-Sacker  a complex pair passes the unit circle
-  transverse      left and right part, while the motion within symmetry stays what it is
-  grazing         a mesh touches a border of its backlash; contact appears or is lost
+  transverse      left and right part, while the motion within symmetry stays
+                  what it is
+  grazing         a mesh touches a border of its backlash; contact appears or
+                  is lost
 
 DIR then holds orbits.png and .svg, branches.csv (one line an orbit), sections.csv (its states at
 phase 0) and boundaries.csv.

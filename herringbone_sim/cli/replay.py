@@ -1,8 +1,10 @@
 """Repeat a recorded run.
 
---verify   integrates it again from its recorded parameters, initial state and every recorded
-           change, and compares every bit of every sample (needs no ROS);
---publish  sends the recording over the topics of the node, at a chosen speed (needs ROS 2).
+--verify   integrates it again from its recorded parameters, initial state
+           and every recorded change, and compares every bit of every sample
+           (needs no ROS);
+--publish  sends the recording over the topics of the node, at a chosen speed
+           (needs ROS 2).
 """
 
 from __future__ import annotations

@@ -2,12 +2,14 @@
 each, and a bifurcation diagram. A value is reached
 
   fixed  from the initial state of the gear, each by itself
-  up     from the final state of the value below it: a continuation, which follows its motion
+  up     from the final state of the value below it: a continuation, which
+         follows its motion
   down   from the final state of the value above it
   both   up and down: where they differ, there is hysteresis
   held   fixed, up and down
-  ramp   while the parameter moves a little every mesh cycle, --cycles of them from one value to
-         the next, up and down, through the same change that the node makes
+  ramp   while the parameter moves a little every mesh cycle, --cycles of them
+         from one value to the next, up and down, through the same change that
+         the node makes
   all    all of these
 
 Repeat the command to continue a sweep that was interrupted; the diagram shows every way that DIR
