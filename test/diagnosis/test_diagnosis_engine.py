@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
+from herringbone_sim.diagnosis import regression
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, Placement
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
@@ -45,6 +46,14 @@ def problem(seed, most=12):
     y = Phi @ rng.normal(size=p) + rng.normal(size=40)
     bound = np.where(rng.random(p) < 0.7, rng.uniform(0.05, 1.5, p), np.inf)
     return Phi, y, rng.uniform(0.3, 3.0, p), bound
+
+
+def test_a_solution_whose_bounds_never_settle_is_not_taken_for_one(monkeypatch):
+    """A solver that always ends outside: bound and free take turns for ever."""
+    monkeypatch.setattr(regression, "_solved", lambda factor, right: np.full_like(right, 5.0))
+    found = solve(np.eye(1), np.zeros(1), np.ones(1), np.ones(1))
+    assert found.log_evidence == -np.inf
+    assert (found.mean, found.covariance) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("start", range(0, 100, 25))
