@@ -131,12 +131,14 @@ def predict_residuals(
     )
     runs, R = len(residuals), residuals[0].shape[1]
     thin = max(1, sum(len(r) for r in residuals) // MAX_SAMPLES)
-    used = [_thinned(len(r), thin) for r in residuals]
-    residuals = [r[i] for r, i in zip(residuals, used, strict=True)]
+    if thin > 1:
+        used = [_thinned(len(r), thin) for r in residuals]
+        residuals = [r[i] for r, i in zip(residuals, used, strict=True)]
+        blocks = [b[i] for b, i in zip(blocks, used, strict=True)]
+        inputs = [s.at(i) for s, i in zip(inputs, used, strict=True)]
     energy, left = np.zeros((runs, R)), np.zeros((runs, R))
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
-    fold = np.concatenate([b[i] % 2 for b, i in zip(blocks, used, strict=True)])
-    inputs = [s.at(i) for s, i in zip(inputs, used, strict=True)]
+    fold = np.concatenate(blocks) % 2
     angles = np.concatenate([s.angles for s in inputs])
     for row in range(R):
         y = np.concatenate([r[:, row] for r in residuals])
