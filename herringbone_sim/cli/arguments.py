@@ -103,10 +103,9 @@ def _wrong(error: CycloptsError, known: Sequence[Argument], words: Sequence[str]
     if choices := argument.get_choices():
         rule = f"must be one of {', '.join(choices)}"
     rule = str(rule or f"must be {KINDS.get(argument.hint, 'of another kind')}")
-    token = getattr(error, "token", None) or argument.tokens[-1]
-    return (
-        f"{argument.name} {rule[0].lower()}{rule[1:].rstrip('.')}, got {token.value!r}: see --help"
-    )
+    wrong = getattr(error, "token", None)
+    got = wrong.value if wrong else " ".join(token.value for token in argument.tokens)
+    return f"{argument.name} {rule[0].lower()}{rule[1:].rstrip('.')}, got {got!r}: see --help"
 
 
 def _unknown(words: Sequence[str], known: Sequence[Argument], hint: str) -> str:

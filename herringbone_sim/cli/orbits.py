@@ -58,13 +58,13 @@ def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
     """
     starts: list[Start] = []
     for token in tokens:
-        value, _, n = token.value.partition(":")
+        value, colon, n = token.value.partition(":")
         try:
-            start = float(value), int(n) if n else None
+            start = float(value), int(n) if colon else None
         except ValueError:
-            raise ValueError(f"takes values such as 85 or 85:2, not {token.value}") from None
-        if not math.isfinite(start[0]) or not 1 <= (start[1] or 1) <= MAX_PERIOD:
-            raise ValueError(f"takes a finite value and a period in 1 .. {MAX_PERIOD}")
+            raise ValueError("must be values such as 85 or 85:2") from None
+        if not math.isfinite(start[0]) or not (start[1] is None or 1 <= start[1] <= MAX_PERIOD):
+            raise ValueError(f"must be finite values with periods in 1 .. {MAX_PERIOD}")
         starts.append(start)
     return tuple(starts)
 

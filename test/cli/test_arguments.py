@@ -127,7 +127,7 @@ def test_what_is_for_ros_is_handed_on_as_it_is(
         (
             "orbits",
             [*ORBITS, "--start", "85:99"],
-            "--start takes a finite value and a period in 1 .. 64, got '85:99'",
+            "--start must be finite values with periods in 1 .. 64, got '85:99'",
         ),
         ("reproduce", ["--out=x", "--xi", "a"], "--xi must be a number, got 'a'"),
         ("gap live", ["--every", "0"], "--every must be > 0.0, got '0'"),
@@ -163,7 +163,7 @@ def test_what_is_for_ros_is_handed_on_as_it_is(
         (
             "orbits",
             ["--over", "xi", "--from", "0", "--to", "1", "--out", "x", "--start", "1", "a", "2"],
-            "--start takes values such as 85 or 85:2, not a, got '2'",
+            "--start must be values such as 85 or 85:2, got '1 a 2'",
         ),
         ("info", ["--jsn"], "unknown arguments --jsn: did you mean --json?"),
         (

@@ -95,7 +95,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, capsys):
     assert "choose another --out" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("start", ["0.16:0", "0.16:half", "warm"])
+@pytest.mark.parametrize("start", ["0.16:0", "0.16:", "0.16:half", "warm"])
 def test_a_start_that_is_none_is_refused(start, capsys):
     assert main([*XI, "--start", start, "--out", "x"]) == 2
     assert "error: --start must" in capsys.readouterr().err

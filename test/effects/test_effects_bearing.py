@@ -14,7 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
-from herringbone_sim.effects.evaluate import answer, motion
+from herringbone_sim.effects.evaluate import evaluate, motion
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 
@@ -100,7 +100,7 @@ def test_recorded_motion_and_forces_tell_where_the_pin_is(rig: Model) -> None:
     wanted = rows[:, 29:41]
 
     def missed(*actives: Active) -> float:
-        force = answer(rig, actives, seen).force
+        force = evaluate(rig, actives, seen).force
         return float(np.sqrt(np.mean((force - wanted) ** 2) / np.mean(wanted**2)))
 
     right = missed(free("all"))
