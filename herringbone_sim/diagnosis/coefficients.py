@@ -78,8 +78,8 @@ class CampaignProducts:
         self._c = {o: np.stack([r[o].c for r in runs]) for o in self.observations}
         self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
         self._y = {o: np.stack([r[o].cross_y for r in runs]) for o in self.observations}
-        self.energy = np.array(
-            [sum(float(p.energy_without_nuisance.sum()) for p in r.values()) for r in runs]
+        self.chi2 = np.array(
+            [sum(float(p.chi2_without_nuisance.sum()) for p in r.values()) for r in runs]
         )
         self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
         self._prepare_base()
@@ -87,7 +87,7 @@ class CampaignProducts:
     @property
     def is_finite(self) -> bool:
         """Whether no run diverged."""
-        every = (self.energy, *self._G.values(), *self._c.values())
+        every = (self.chi2, *self._G.values(), *self._c.values())
         return all(bool(np.isfinite(one).all()) for one in every)
 
     def _prepare_base(self) -> None:

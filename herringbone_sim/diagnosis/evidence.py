@@ -23,7 +23,7 @@ class Candidate:
     Attributes:
         effects: ids; empty for none.
         places: place of each effect, as text.
-        energy: whitened sum of squares left, each run predicted from the others.
+        chi2: whitened sum of squares left, each run predicted from the others.
         in_sample: the same with all runs fitted.
         size: number of coefficients.
         strain: mean square departure from the catalogue's curve over that of the effect's own
@@ -35,7 +35,7 @@ class Candidate:
 
     effects: tuple[str, ...]
     places: tuple[str, ...]
-    energy: float
+    chi2: float
     in_sample: float
     size: int
     strain: float
@@ -45,7 +45,7 @@ class Candidate:
     @property
     def loss(self) -> float:
         """See ``Score.loss``."""
-        return self.energy if self.log_density is None else -2.0 * self.log_density
+        return self.chi2 if self.log_density is None else -2.0 * self.log_density
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Evidence:
     Attributes:
         count: number of whitened values.
         candidates: none, single effects, pairs; each kind best first.
-        remains: energy that the flexible regression predicts out of sample of the residual of
+        remains: chi2 that the flexible regression predicts out of sample of the residual of
             ``none``, the best ``single`` and the best ``pair``.
         screened: least loss of each effect in the linear screen.
-        told: whether the campaign gives the noise; then residual energy above it counts in full.
+        told: whether the campaign gives the noise; then residual chi2 above it counts in full.
         uneven: largest noise estimated for a row, over the median of its observation's rows.
     """
 
@@ -106,13 +106,13 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
     return Candidate(
         tuple(h.effect for h in found.hypotheses),
         tuple(str(h.locus) for h in found.hypotheses),
-        float(score.energy.sum()),
+        float(score.chi2.sum()),
         score.in_sample,
         sum(len(h.coefficients) for h in found.hypotheses),
         _strain(found),
         max(
             float(rows.sum()) / counts[o]
-            for o, rows in score.energy_by_row.items()
+            for o, rows in score.chi2_by_row.items()
             if counts[o] > 0.0
         ),
         score.log_density if score.by_density else None,

@@ -96,14 +96,14 @@ def examine(
     say(f"{len(catalogue)} hypotheses")
     search, ranked = rank(search, catalogue, None)
     counts = {
-        o: float(sum(r[o].count[_recorded_rows(r[o].energy)].sum() for r in search.campaign.runs))
+        o: float(sum(r[o].count[_recorded_rows(r[o].chi2)].sum() for r in search.campaign.runs))
         for o in search.campaign.observations
     }
     count = sum(counts.values())
     say("fits")
     gain = none.loss - min((r[0] for r in ranked), default=none.loss)
     worth = search.worth
-    idle = gain < worth and _predicted_energy(left) < MIN_GAIN_PER_VALUE * count
+    idle = gain < worth and _predicted_chi2(left) < MIN_GAIN_PER_VALUE * count
     singles = fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     if machine.estimates_states:
         if not idle:
@@ -131,7 +131,7 @@ def examine(
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
         lacks_one = in_sample > NONLINEAR_CHI2 * count or (
-            _predicted_energy(flexible["single"]) > worth and not idle
+            _predicted_chi2(flexible["single"]) > worth and not idle
         )
         more_than_noise = in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count and not idle
         if lacks_one or more_than_noise:
@@ -158,7 +158,7 @@ def examine(
                 second = None
             if (
                 second is not None
-                and _predicted_energy(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
+                and _predicted_chi2(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 more = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *more))
@@ -194,7 +194,7 @@ def _calibrated(
 def _noise_factors(found: Predictable) -> Array:
     """Factors (runs, R) on the assumed RMS noise of each row, 1 or more.
 
-    The square of a factor is 2 ``left`` - ``energy`` per value: the part of the row's squares that
+    The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's squares that
     can't be predicted, less the part that can. It is at most the quantile ``NOISE_QUANTILE`` of
     this number over the rows of the same run: sensors of a kind are alike, so an excess in few
     rows is not noise.
@@ -202,7 +202,7 @@ def _noise_factors(found: Predictable) -> Array:
     Args:
         found: predictable part of the residual of one observation.
     """
-    share = (2.0 * found.left - found.energy) / np.maximum(found.count, 1.0)
+    share = (2.0 * found.left - found.chi2) / np.maximum(found.count, 1.0)
     most = np.ones((len(share), 1))
     for of_run, known, limit in zip(share, found.count > 0.0, most, strict=True):
         if known.any():
@@ -243,14 +243,14 @@ def _with_noise(
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
 
 
-def _recorded_rows(energy: Array) -> NDArray[np.bool_]:
-    """Rows (R,) that are formed: their energy is not exactly zero."""
-    recorded: NDArray[np.bool_] = energy != 0.0
+def _recorded_rows(chi2: Array) -> NDArray[np.bool_]:
+    """Rows (R,) that are formed: their chi2 is not exactly zero."""
+    recorded: NDArray[np.bool_] = chi2 != 0.0
     return recorded
 
 
-def _predicted_energy(left: Mapping[str, Predictable]) -> float:
-    """Predictable energy of all observations."""
+def _predicted_chi2(left: Mapping[str, Predictable]) -> float:
+    """Predictable chi2 of all observations."""
     return sum(p.predicted for p in left.values())
 
 
@@ -263,8 +263,8 @@ def _first_was_misfitted(
 
     Then the first effect, fitted alone, is probably the wrong partner of the second.
     """
-    half = 0.5 * _predicted_energy(left["single"])
-    return first.loss - pair.loss > half and _predicted_energy(left["pair"]) > half
+    half = 0.5 * _predicted_chi2(left["single"])
+    return first.loss - pair.loss > half and _predicted_chi2(left["pair"]) > half
 
 
 def _predictable_remainder(

@@ -22,7 +22,7 @@ MAX_PAIRS_OF_SINGLES = 2  # second effects fitted as they were alone
 MIN_FITTED = 2  # single effects fitted where nothing is worth explaining
 # Decisions, chosen, not fitted:
 EQUIVALENT_SHARE = 0.01  # share of the gap by which explanations may differ and count as equal
-# Energy per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
+# Chi2 per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
 NONLINEAR_CHI2 = 1.5
 
 Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of its fit

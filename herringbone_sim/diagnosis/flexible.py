@@ -1,4 +1,4 @@
-"""Energy of a residual that measured quantities predict: cross-validated nonparametric regression.
+"""Chi2 of a residual that measured quantities predict: cross-validated nonparametric regression.
 
 Model: a factor (constant, spring force, damper force) times a smooth function of one to three
 measured quantities, as random Fourier features (Rahimi and Recht, NIPS 2007). Each row is
@@ -52,28 +52,28 @@ class RegressionInputs:
 
 @dataclass(frozen=True)
 class Predictable:
-    """Out-of-sample energy that the regression predicts.
+    """Out-of-sample chi2 that the regression predicts.
 
     Attributes:
-        energy: (runs, R) energy of the rows.
-        left: (runs, R) energy after subtracting the prediction; may exceed ``energy``.
+        chi2: (runs, R) chi2 of the rows.
+        left: (runs, R) chi2 after subtracting the prediction; may exceed ``chi2``.
         count: (runs, R) values used.
         weight: independent values that each value used represents.
     """
 
-    energy: Array
+    chi2: Array
     left: Array
     count: Array
     weight: float = 1.0
 
     @property
     def predicted(self) -> float:
-        """Energy predicted in all rows, at least 0."""
-        return self.weight * max(0.0, float((self.energy - self.left).sum()))
+        """Chi2 predicted in all rows, at least 0."""
+        return self.weight * max(0.0, float((self.chi2 - self.left).sum()))
 
     def with_noise_scaled(self, noise: Array) -> Predictable:
         """Copy for a noise larger by the factor ``noise`` (runs, R)."""
-        return Predictable(self.energy / noise**2, self.left / noise**2, self.count, self.weight)
+        return Predictable(self.chi2 / noise**2, self.left / noise**2, self.count, self.weight)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def predict_residuals(
         residuals = [r[i] for r, i in zip(residuals, used, strict=True)]
         blocks = [b[i] for b, i in zip(blocks, used, strict=True)]
         inputs = [s.at(i) for s, i in zip(inputs, used, strict=True)]
-    energy, left = np.zeros((runs, R)), np.zeros((runs, R))
+    chi2, left = np.zeros((runs, R)), np.zeros((runs, R))
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
     fold = np.concatenate(blocks) % 2
     angles = np.concatenate([s.angles for s in inputs])
@@ -152,10 +152,10 @@ def predict_residuals(
             factors = _unit_rms(np.concatenate([s.factors[:, row] for s in inputs]))
             P = features.evaluated(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
-        energy[:, row] = np.bincount(of_run, y**2, runs)
-        left[:, row] = np.bincount(of_run, off**2, runs) * (energy[:, row] > 0.0)
-    count = np.bincount(of_run, minlength=runs)[:, None] * (energy > 0.0)
-    return Predictable(energy, left, count.astype(float), thin * independent_share)
+        chi2[:, row] = np.bincount(of_run, y**2, runs)
+        left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
+    count = np.bincount(of_run, minlength=runs)[:, None] * (chi2 > 0.0)
+    return Predictable(chi2, left, count.astype(float), thin * independent_share)
 
 
 def _thinned(n: int, thin: int) -> Indices:

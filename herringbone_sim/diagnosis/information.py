@@ -1,6 +1,6 @@
 """Fisher information of a set of runs on each effect, alone and against rival hypotheses.
 
-Expected energy added by an effect of size one, and the part left after another hypothesis is
+Expected chi2 added by an effect of size one, and the part left after another hypothesis is
 fitted to it, with tolerances and the rival's coefficients profiled out (Lehmann and Casella,
 Theory of Point Estimation, 2.6). Linear about the nominal machine.
 """
@@ -22,7 +22,7 @@ from herringbone_sim.diagnosis.score import DEPARTURE_ROUNDS, MAX_DEPARTURE_SD, 
 
 
 class Information:
-    """Expected energy of true effects and what hypotheses fitted to them leave.
+    """Expected chi2 of true effects and what hypotheses fitted to them leave.
 
     Size one is the moderate effect, in the least visible direction of its own parameters.
 
@@ -32,9 +32,9 @@ class Information:
         hypotheses: rivals fitted to them.
 
     Attributes:
-        squares: (truths,) energy added at size one, tolerances fitted inside their bounds.
+        squares: (truths,) chi2 added at size one, tolerances fitted inside their bounds.
         by_run: (truths, runs) share of it by run.
-        left: (truths, hypotheses) energy left at size one by each hypothesis.
+        left: (truths, hypotheses) chi2 left at size one by each hypothesis.
         count: number of whitened values.
     """
 
@@ -76,7 +76,7 @@ class Information:
         self._raw = np.array(raw)
         self.squares, self.by_run = np.array(squares), np.array(shares)
         self.count = sum(
-            float(p.count[p.energy != 0.0].sum())
+            float(p.count[p.chi2 != 0.0].sum())
             for of_run in campaign.runs
             for p in of_run.values()
         )
@@ -91,7 +91,7 @@ class Information:
             self.left[:, j] = np.maximum(self.squares - self._reduction(j), 0.0)
 
     def _reduction(self, j: int) -> Array:
-        """Energy (truths,) removed by hypothesis j at size one, tolerances without bounds."""
+        """Chi2 (truths,) removed by hypothesis j at size one, tolerances without bounds."""
         of_h, G = self._hypothesis_gram[j]
         X = self._with_others[:, self._at[j]]
         X = X - cho_solve(self._factor, self._with_base.T).T @ of_h
@@ -100,7 +100,7 @@ class Information:
         )
 
     def seen(self, i: int, size: float) -> float:
-        """Energy added by truth i at a size, tolerances fitted inside their bounds."""
+        """Chi2 added by truth i at a size, tolerances fitted inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.squares[i])
         mean = solve(self._A, size * self._with_base[i], self._sd, self._bound).mean
@@ -108,7 +108,7 @@ class Information:
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
     def left_at(self, i: int, j: int, size: float) -> float:
-        """Energy of truth i at a size left by hypothesis j, tolerances inside their bounds."""
+        """Chi2 of truth i at a size left by hypothesis j, tolerances inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.left[i, j])
         h, (of_h, G) = self._hypotheses[j], self._hypothesis_gram[j]
@@ -141,7 +141,7 @@ def _priors(h: Hypothesis, size: float) -> tuple[Flags, Array]:
 
 
 def _reduction_with_departures(h: Hypothesis, G: Array, X: Array) -> Array:
-    """Energy (truths,) of each truth removed by a hypothesis of k coefficients.
+    """Chi2 (truths,) of each truth removed by a hypothesis of k coefficients.
 
     Prior and bounds of departures from the catalogue's curve scale with the fitted size of the
     effect's own parameters, so both are found by iteration.

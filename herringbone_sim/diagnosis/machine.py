@@ -60,7 +60,7 @@ class Machine(Protocol):
             known: fit without any of them.
 
         Returns:
-            Energy, hypothesis and start of its fit (coefficients of ``known`` first), best first.
+            Chi2, hypothesis and start of its fit (coefficients of ``known`` first), best first.
         """
 
     @property
@@ -110,7 +110,7 @@ class Hypothesis:
         n_own: number of own parameters.
         source: object from which the machine rebuilds the hypothesis for other runs; None for
             those of the catalogue.
-        measured_gain: energy removed at the centres of its coefficients, evaluated by the machine
+        measured_gain: chi2 removed at the centres of its coefficients, evaluated by the machine
             where the effect is strongly nonlinear; None: the linear screen decides.
         base_mean: values of all other coefficients at ``measured_gain``.
         partly_screened: whether it also acts in observations where its columns are zero, so that a

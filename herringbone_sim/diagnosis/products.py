@@ -64,7 +64,7 @@ class Products:
         observation, run, rows, functions: as in the block.
         G: (R, Q, Q) Gram matrix X'X of the whitened columns.
         c: (R, Q) X'y with the whitened residual y.
-        energy: (R,) y'y.
+        chi2: (R,) y'y.
         count: (R,) independent values.
         cross: (T, R, Q) L^-1 N'X of the shared nuisances N, with LL' their normal matrix.
         cross_y: (T,) L^-1 N'y.
@@ -76,29 +76,29 @@ class Products:
     functions: tuple[str, ...]
     G: Array
     c: Array
-    energy: Array
+    chi2: Array
     count: Array
     cross: Array
     cross_y: Array
 
     @property
-    def energy_without_nuisance(self) -> Array:
-        """(R,) energy with shared nuisances marginalised, their part taken from rows pro rata."""
-        whole = float(self.energy.sum())
+    def chi2_without_nuisance(self) -> Array:
+        """(R,) chi2 with shared nuisances marginalised, their part taken from rows pro rata."""
+        whole = float(self.chi2.sum())
         shared = float(self.cross_y @ self.cross_y)
-        return self.energy * (1.0 - shared / whole) if whole > 0.0 else self.energy
+        return self.chi2 * (1.0 - shared / whole) if whole > 0.0 else self.chi2
 
 
 def products(block: Block) -> Products:
     """Compute the Gram matrices of a block, with nuisances of single rows marginalised."""
     n, R, Q = block.columns.shape
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
-    energy = np.empty(R)
+    chi2 = np.empty(R)
     for row, (whole, with_N, own) in enumerate(_grams(block)):
         if len(own):
             normal = own + np.diag(block.nuisance_sd[row] ** -2.0)
             whole = whole - with_N.T @ np.linalg.solve(normal, with_N)
-        G[row], c[row], energy[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
+        G[row], c[row], chi2[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
     cross, cross_y = _shared_products(block, G, c)
     return Products(
         block.observation,
@@ -107,7 +107,7 @@ def products(block: Block) -> Products:
         block.functions,
         G,
         c,
-        energy,
+        chi2,
         np.full(R, n * block.independent_share),
         cross,
         cross_y,
@@ -198,6 +198,6 @@ def recentred(p: Products, a: Array) -> Products:
     return replace(
         p,
         c=p.c - along,
-        energy=p.energy - 2.0 * np.sum(p.c * a, axis=1) + np.sum(along * a, axis=1),
+        chi2=p.chi2 - 2.0 * np.sum(p.c * a, axis=1) + np.sum(along * a, axis=1),
         cross_y=p.cross_y - np.einsum("trq,rq->t", p.cross, a),
     )

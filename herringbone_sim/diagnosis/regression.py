@@ -125,7 +125,7 @@ class LeftOut:
     """Leave-one-run-out prediction.
 
     Attributes:
-        fall: (runs,) decrease of the energy of each run when predicted from the others.
+        fall: (runs,) decrease of the chi2 of each run when predicted from the others.
         log_density: (runs,) log predictive density minus that of theta = 0.
         whole: solution from all runs.
         means: (runs, p) solutions without one run each.

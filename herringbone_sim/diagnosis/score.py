@@ -1,6 +1,6 @@
 """Leave-one-run-out prediction error of a linearised fit, at the prior scale that predicts best.
 
-Energy means whitened sum of squares (chi2) throughout.
+chi2 is a whitened sum of squares: noise alone leaves 1 a value.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Score:
         mean: (p,) posterior mean from all runs.
         covariance: (p, p) posterior covariance for the assumed noise.
         leave_one_out_means: (runs, p) posterior means without one run each.
-        energy: (runs,) energy left of each run when predicted from the others.
-        in_sample: energy left when all runs are fitted.
+        chi2: (runs,) chi2 left of each run when predicted from the others.
+        in_sample: chi2 left when all runs are fitted.
         log_density: sum of log predictive densities of the left-out runs.
         prior_scale: factor on the priors that predicted best, see ``PRIOR_SCALES``.
-        energy_by_row: (runs, R) energy left in sample, by observation.
+        chi2_by_row: (runs, R) chi2 left in sample, by observation.
         count: number of whitened values.
         by_density: whether ``loss`` is of the density: where states are estimated too.
     """
@@ -49,11 +49,11 @@ class Score:
     mean: Array
     covariance: Array
     leave_one_out_means: Array
-    energy: Array
+    chi2: Array
     in_sample: float
     log_density: float
     prior_scale: float
-    energy_by_row: Mapping[str, Array]
+    chi2_by_row: Mapping[str, Array]
     count: float = 0.0
     by_density: bool = False
 
@@ -61,10 +61,10 @@ class Score:
     def loss(self) -> float:
         """What is left of runs that are predicted from the others.
 
-        The energy, or minus twice the log predictive density, which knows how uncertain parameters
+        The chi2, or minus twice the log predictive density, which knows how uncertain parameters
         are from few values; both are a sum of squares where parameters are certain.
         """
-        return -2.0 * self.log_density if self.by_density else float(self.energy.sum())
+        return -2.0 * self.log_density if self.by_density else float(self.chi2.sum())
 
     def covariance_with_jackknife(self) -> Array:
         """(p, p) posterior covariance plus the jackknife covariance over runs.
@@ -104,9 +104,9 @@ def compute_score(
     center = np.array([c.center for c in every])
     # Shift the origin from ``mean`` to the centre of the prior.
     off = center - (np.zeros(len(every)) if mean is None else mean)
-    energy = campaign.energy - _energy_reduction(A, b, off)
+    chi2 = campaign.chi2 - _chi2_reduction(A, b, off)
     b = b - A @ off
-    resolved = np.finfo(float).eps * energy < ROUNDED
+    resolved = np.finfo(float).eps * chi2 < ROUNDED
     prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
     best: tuple[float, LeftOut, float, Array] | None = None
     sized = np.array([i >= n and c.scales_with_effect for i, c in enumerate(every)])
@@ -127,9 +127,9 @@ def compute_score(
         )
         density = float(found.log_density[resolved].sum())
     whole = found.whole
-    left = np.where(resolved, energy - found.fall, campaign.energy)
-    in_sample = np.where(resolved, energy - _energy_reduction(A, b, whole.mean), campaign.energy)
-    at_zero = np.where(resolved, energy, campaign.energy)
+    left = np.where(resolved, chi2 - found.fall, campaign.chi2)
+    in_sample = np.where(resolved, chi2 - _chi2_reduction(A, b, whole.mean), campaign.chi2)
+    at_zero = np.where(resolved, chi2, campaign.chi2)
     return Score(
         every,
         center + whole.mean,
@@ -160,7 +160,7 @@ def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
     return np.maximum(found, PRIOR_SCALES[0] ** 2)
 
 
-def _energy_reduction(A: Array, b: Array, step: Array) -> Array:
-    """(runs,) decrease of the energy by a step (p,) of the coefficients."""
+def _chi2_reduction(A: Array, b: Array, step: Array) -> Array:
+    """(runs,) decrease of the chi2 by a step (p,) of the coefficients."""
     fall: Array = 2.0 * b @ step - np.einsum("i,rij,j->r", step, A, step)
     return fall

@@ -1,6 +1,6 @@
 """Score hypotheses by leave-one-run-out prediction: all of them linearly, the best ones exactly.
 
-Energy means whitened sum of squares (chi2) throughout.
+chi2 is a whitened sum of squares: noise alone leaves 1 a value.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from herringbone_sim.diagnosis.threads import parallel_map
 
 # Settings of Gauss-Newton and of the search, chosen, not fitted:
 MAX_ROUNDS = 20
-# Energy per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
+# Chi2 per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
 MIN_GAIN_PER_VALUE = 0.02
-RELATIVE_TOLERANCE = 1e-4  # relative change of the energy at which a fit has converged
+RELATIVE_TOLERANCE = 1e-4  # relative change of the chi2 at which a fit has converged
 MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
-# Energy difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
+# Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
 
@@ -148,11 +148,11 @@ class Search:
         refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
-            now = float(campaign.energy.sum()) if campaign.is_finite else np.inf
+            now = float(campaign.chi2.sum()) if campaign.is_finite else np.inf
             if best is None and coefficients and not np.isfinite(now):
                 mean = np.concatenate([self.null.mean, [c.center for c in coefficients]])
                 campaign = self.about((), self.null.mean, wanted)
-                now = float(campaign.energy.sum())
+                now = float(campaign.chi2.sum())
             if best is not None and not now < least:
                 refused += 1
                 if (
@@ -182,28 +182,28 @@ class Search:
         if all(c.scales_with_effect for c in every):
             A, b = campaign.normal_equations(coefficients)
             gained = 2.0 * np.einsum("rp,rp->r", b, off) - np.einsum("rp,rpq,rq->r", off, A, off)
-            energy = campaign.energy - gained
+            chi2 = campaign.chi2 - gained
         else:  # columns change with the amplitudes: evaluate exactly
             used = functions_used(self.base)
-            energy = self.about(coefficients, (mean + off).T, used).energy
-            diverged = self.null.energy if coefficients else campaign.energy
-            energy = np.where(np.isfinite(energy), energy, diverged)
-        in_sample = float(campaign.energy.sum())
-        density = found.log_density + 0.5 * float((found.energy - energy).sum())
+            chi2 = self.about(coefficients, (mean + off).T, used).chi2
+            diverged = self.null.chi2 if coefficients else campaign.chi2
+            chi2 = np.where(np.isfinite(chi2), chi2, diverged)
+        in_sample = float(campaign.chi2.sum())
+        density = found.log_density + 0.5 * float((found.chi2 - chi2).sum())
         # Far from linear that goes astray, above what the fit to all runs allows: then without the
         # variance of the coefficients.
         if density > -0.5 * in_sample:
-            density = -0.5 * max(in_sample, float(energy.sum()))
+            density = -0.5 * max(in_sample, float(chi2.sum()))
         found = replace(
             found,
             mean=mean,
             leave_one_out_means=mean + off,
-            energy=energy,
+            chi2=chi2,
             log_density=density,
             in_sample=in_sample,
         )
-        energy_by_row, count = _energy_by_row(campaign)
-        return replace(found, coefficients=every, energy_by_row=energy_by_row, count=count)
+        chi2_by_row, count = _chi2_by_row(campaign)
+        return replace(found, coefficients=every, chi2_by_row=chi2_by_row, count=count)
 
     def scored(
         self,
@@ -229,7 +229,7 @@ class Search:
 
     @property
     def worth(self) -> float:
-        """Energy worth explaining; all beyond chance where states are estimated."""
+        """Chi2 worth explaining; all beyond chance where states are estimated."""
         if self.machine.estimates_states:
             return CHANCE_CHI2
         return MIN_GAIN_PER_VALUE * self.null.count
@@ -242,7 +242,7 @@ class Search:
         return fine.refined(coefficients, found.mean, 2)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
-        """Minus the energy that a hypothesis removes: linear, in sample, without bounds."""
+        """Minus the chi2 that a hypothesis removes: linear, in sample, without bounds."""
         n = len(self.base)
         A, b = self.campaign.normal_equations(coefficients)
         sd = np.array([c.sd for c in (*self.base, *coefficients)])
@@ -289,11 +289,11 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     return a
 
 
-def _energy_by_row(campaign: CampaignProducts) -> tuple[dict[str, Array], float]:
-    """Energy (runs, R) by observation, and the number of values in rows that are recorded."""
+def _chi2_by_row(campaign: CampaignProducts) -> tuple[dict[str, Array], float]:
+    """Chi2 (runs, R) by observation, and the number of values in rows that are recorded."""
     every = [p for of_run in campaign.runs for p in of_run.values()]
     left = {
-        o: np.stack([r[o].energy_without_nuisance for r in campaign.runs])
+        o: np.stack([r[o].chi2_without_nuisance for r in campaign.runs])
         for o in campaign.observations
     }
-    return left, float(sum(p.count[p.energy != 0.0].sum() for p in every))
+    return left, float(sum(p.count[p.chi2 != 0.0].sum() for p in every))

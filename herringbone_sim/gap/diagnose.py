@@ -209,11 +209,11 @@ def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> A
 def _calibrated(machine: GearMachine, examined: Examination) -> Calibrated:
     """Fit runs with their fused motion, and the calibration from the fit without effects.
 
-    The residual of a mesh is its energy left in the force law over its number of values: the
+    The residual of a mesh is its chi2 left in the force law over its number of values: the
     number of all values, divided equally among the meshes with a residual. None without force law.
     """
     cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
-    rows = examined.none.score.energy_by_row.get("force_law")
+    rows = examined.none.score.chi2_by_row.get("force_law")
     count = examined.counts.get("force_law", 0.0)
     per_mesh = None
     if rows is not None and count > 0.0:

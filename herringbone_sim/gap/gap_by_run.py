@@ -32,10 +32,10 @@ def metric_of(
         best: fit of the best explanation, if there is one.
         counts: number of whitened values, by observation.
     """
-    before = {o: float(rows.sum()) for o, rows in none.score.energy_by_row.items()}
+    before = {o: float(rows.sum()) for o, rows in none.score.chi2_by_row.items()}
     falls: dict[str, float] = {}
     if best is not None:
-        falls = {o: before[o] - float(best.score.energy_by_row[o].sum()) for o in before}
+        falls = {o: before[o] - float(best.score.chi2_by_row[o].sum()) for o in before}
     if max(falls.values(), default=0.0) <= 0.0:
         falls = {o: before[o] - counts[o] for o in before}
     return max(falls, key=lambda o: falls[o])

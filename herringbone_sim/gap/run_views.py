@@ -36,8 +36,8 @@ class RunView:
         force: by column (k, n) [N]: measured, and the two laws at the measured motion.
         planes: by column (j, n, 2) displacement [m] and rate [m/s]: measured, and integrated by
             each model from the start of the run; without columns that have no motion.
-        energy: by model (n,) mean square of its residual over the noise floor, over all samples of
-            the run; NaN if unknown.
+        reduced_chi2: by model (n,) mean square of its residual over the noise floor, all samples
+            of the run; NaN if unknown.
         notes: what is missing.
     """
 
@@ -46,7 +46,7 @@ class RunView:
     times: Array
     force: dict[str, Array]
     planes: dict[str, Array]
-    energy: dict[str, Array]
+    reduced_chi2: dict[str, Array]
     notes: tuple[str, ...]
 
 
@@ -79,7 +79,7 @@ def run_view(one: FusedRun, model: Augmented) -> RunView:
         times=run.times[last:],
         force={name: f[last:] for name, f in zip(COLUMNS, forces, strict=True)},
         planes=planes,
-        energy={n: np.mean((r / law.sigma_n) ** 2, axis=0) for n, r in residuals.items()},
+        reduced_chi2={n: np.mean((r / law.sigma_n) ** 2, axis=0) for n, r in residuals.items()},
         notes=notes,
     )
 
@@ -91,14 +91,14 @@ def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
     """
     shares: dict[str, dict[str, float | None]] = {}
     above = {
-        name: np.maximum(np.mean([view.energy[name] for view in views], axis=0) - 1.0, 0.0)
+        name: np.maximum(np.mean([view.reduced_chi2[name] for view in views], axis=0) - 1.0, 0.0)
         for name in COLUMNS[1:]
     }
     total = max(float(np.nansum(above["nominal"])), 1e-300)
-    for name, energy in above.items():
+    for name, excess in above.items():
         shares[name] = {
             mesh: float(value) / total if np.isfinite(value) else None
-            for mesh, value in zip(views[0].meshes, energy, strict=True)
+            for mesh, value in zip(views[0].meshes, excess, strict=True)
         }
     return shares
 

@@ -157,15 +157,15 @@ def test_laws_that_bend_are_followed(effect: str) -> None:
     of_effect = [h for h in search.machine.hypotheses() if h.effect == effect]
     lines = [search.screened(h.coefficients, 1.0) for h in of_effect]
     exact = [
-        search.refined(h.coefficients, line.mean).energy.sum()
+        search.refined(h.coefficients, line.mean).chi2.sum()
         for h, line in zip(of_effect, lines, strict=True)
     ]
-    assert lines[0].energy.sum() - exact[0] > 3.0 * np.sqrt(2.0 * search.campaign.count.sum())
+    assert lines[0].chi2.sum() - exact[0] > 3.0 * np.sqrt(2.0 * search.campaign.count.sum())
     assert np.ptp(exact) < 1.0
 
 
 def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
-    """The energy of a run is what its block leaves with the numbers that the others give."""
+    """The chi2 of a run is what its block leaves with the numbers that the others give."""
     one = next(h for h in search.machine.hypotheses() if h.effect == "cubic")
     found = search.refined(one.coefficients, np.append(search.null.mean, 0.0))
     for r in range(search.runs):
@@ -175,8 +175,8 @@ def test_runs_left_out_are_predicted_by_the_others(search: Search) -> None:
         exact = search.about(one.coefficients, found.mean, None)
         moved = search.about(one.coefficients, found.leave_one_out_means[r], None)
         assert set(made) == {LAW, IMPULSE}
-        assert moved.energy[r] == pytest.approx(found.energy[r], rel=1e-6)
-        assert exact.energy[r] < moved.energy[r]
+        assert moved.chi2[r] == pytest.approx(found.chi2[r], rel=1e-6)
+        assert exact.chi2[r] < moved.chi2[r]
 
 
 def test_a_single_run_is_enough_to_be_examined() -> None:
@@ -232,7 +232,7 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
 
     def better(search: Search, first: FittedExplanation, pair: FittedExplanation):
         again = refit(search, first, pair)
-        return replace(again, score=replace(again.score, energy=0.999 * first.score.energy))
+        return replace(again, score=replace(again.score, chi2=0.999 * first.score.chi2))
 
     monkeypatch.setattr(examining, "refit_first_alone", better)
     found = examine(Damper(simulate("maxwell", SEED)))
@@ -244,7 +244,7 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
 def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
     search = Search(Damper(simulate("none", SEED)))
     stuck, lucky = (
-        FittedExplanation((), replace(search.null, energy=share * search.null.energy))
+        FittedExplanation((), replace(search.null, chi2=share * search.null.chi2))
         for share in (1.1, 0.9)
     )
     assert examining.fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
@@ -260,8 +260,8 @@ def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(Search, "scored", astray)
     found = Search(Damper(simulate("maxwell", SEED))).null
-    assert found.energy.sum() > found.in_sample
-    assert found.log_density == pytest.approx(-0.5 * found.energy.sum())
+    assert found.chi2.sum() > found.in_sample
+    assert found.log_density == pytest.approx(-0.5 * found.chi2.sum())
 
 
 class Stated(Damper):

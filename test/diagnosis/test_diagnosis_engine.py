@@ -183,16 +183,16 @@ def test_normal_equations_are_those_of_the_marginal_likelihood():
     campaign = CampaignProducts(made, base)
     A, b = campaign.normal_equations(own)
     for r, of_run in enumerate(blocks):
-        expected_A, expected_b, energy = 0.0, 0.0, 0.0
+        expected_A, expected_b, chi2 = 0.0, 0.0, 0.0
         for block in of_run.values():
             Phi = np.stack([column(block, c, r) for c in (*base, *own)], axis=1)
             y, inverse = block.residual.T.ravel(), np.linalg.inv(dense(block))
             expected_A = expected_A + Phi.T @ inverse @ Phi
             expected_b = expected_b + Phi.T @ inverse @ y
-            energy += y @ inverse @ y
+            chi2 += y @ inverse @ y
         np.testing.assert_allclose(A[r], expected_A, atol=1e-9)
         np.testing.assert_allclose(b[r], expected_b, atol=1e-9)
-        assert campaign.energy[r] == pytest.approx(energy, abs=1e-9)
+        assert campaign.chi2[r] == pytest.approx(chi2, abs=1e-9)
 
 
 def test_what_nuisances_explain_is_cleared():
@@ -206,16 +206,16 @@ def test_moved_products_are_those_of_the_block_about_the_amplitudes():
     block, a = a_block(4), np.random.default_rng(0).normal(size=(2, 3))
     there = replace(block, residual=block.residual - np.einsum("nrq,rq->nr", block.columns, a))
     found, expected = recentred(products(block), a), products(there)
-    for name in ("G", "c", "energy", "count", "cross", "cross_y"):
+    for name in ("G", "c", "chi2", "count", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
 
 
 def test_noise_is_what_is_not_predictable_of_most_rows():
     """Eight rows: six at twice their noise, one that stands out, one of which half is foreseen."""
-    count, energy = np.full((1, 8), 100.0), np.array([[4.0] * 6 + [100.0, 4.0]]) * 100.0
-    left = energy.copy()
-    left[0, 7] = 0.5 * energy[0, 7]
-    found = _noise_factors(Predictable(energy, left, count))
+    count, chi2 = np.full((1, 8), 100.0), np.array([[4.0] * 6 + [100.0, 4.0]]) * 100.0
+    left = chi2.copy()
+    left[0, 7] = 0.5 * chi2[0, 7]
+    found = _noise_factors(Predictable(chi2, left, count))
     np.testing.assert_allclose(found[0, :6], 2.0)
     assert found[0, 6] == pytest.approx(2.0)  # no more than rows of its kind
     assert found[0, 7] == 1.0
@@ -225,8 +225,8 @@ def test_noise_is_no_more_than_what_an_effect_leaves():
     """The calibrated machine left four times the noise, of which an effect takes three."""
     assumed = {"windows": np.full((2, 1), 2.0)}
 
-    def left(energy, predicted):
-        values = np.full((2, 1), energy)
+    def left(chi2, predicted):
+        values = np.full((2, 1), chi2)
         return {"windows": Predictable(values, values - predicted, np.full((2, 1), 1000.0))}
 
     found = _less_noise(assumed, left(250.0, 0.0))
@@ -269,7 +269,7 @@ def test_a_departure_stays_near_the_curve_it_departs_from():
     size = abs(found.mean[0])
     # Rounds in which both settle: within a third.
     assert abs(found.mean[1]) <= 1.33 * MAX_DEPARTURE_SD * 0.25 * size
-    assert found.in_sample > 0.9 * campaign.energy.sum()
+    assert found.in_sample > 0.9 * campaign.chi2.sum()
 
 
 def test_the_density_knows_what_a_run_does_not_tell_of_another():
@@ -298,8 +298,8 @@ def test_the_density_knows_what_a_run_does_not_tell_of_another():
     campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
     own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((2, 1)))})
     found = compute_score(campaign, (own,), sizes=(1.0,))
-    none = float(campaign.energy.sum())
-    assert found.loss == found.energy.sum() > 10.0 * none
+    none = float(campaign.chi2.sum())
+    assert found.loss == found.chi2.sum() > 10.0 * none
     assert none < replace(found, by_density=True).loss < none + 20.0
 
 
@@ -326,23 +326,23 @@ def test_squares_that_rounding_takes_count_as_they_are():
     campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
     own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((3, 1)))})
     found = compute_score(campaign, (own,), np.ones(1), sizes=(1.0,))
-    np.testing.assert_array_equal(found.energy, campaign.energy)
-    assert found.in_sample == campaign.energy.sum()
-    assert replace(found, by_density=True).loss == pytest.approx(campaign.energy.sum())
+    np.testing.assert_array_equal(found.chi2, campaign.chi2)
+    assert found.in_sample == campaign.chi2.sum()
+    assert replace(found, by_density=True).loss == pytest.approx(campaign.chi2.sum())
 
 
 def some_evidence(rng):
-    """Numbers of a campaign of no meaning: energies fall with effects and with pairs."""
+    """Numbers of a campaign of no meaning: chi2 fall with effects and with pairs."""
     count, gap = 1e4, 10.0 ** rng.uniform(-3.0, 1.0)
     singles = sorted(count * (1.0 + gap * rng.uniform(0.02, 1.0, 3) ** 2))
     pairs = [singles[0] - count * gap * u for u in sorted(rng.uniform(0.0, 0.02, 2))[::-1]]
-    energies = {(): count * (1.0 + gap)}
-    energies |= {(e,): x for e, x in zip("abc", singles, strict=True)}
-    energies |= {("a", e): x for e, x in zip("bc", pairs, strict=True)}
+    left = {(): count * (1.0 + gap)}
+    left |= {(e,): x for e, x in zip("abc", singles, strict=True)}
+    left |= {("a", e): x for e, x in zip("bc", pairs, strict=True)}
     candidates = []
-    for effects, energy in energies.items():
+    for effects, chi2 in left.items():
         other = {name: rng.uniform(0.0, 2.0) for name in ("in_sample", "size", "strain", "worst")}
-        known = {"effects": effects, "places": ("",) * len(effects), "energy": energy}
+        known = {"effects": effects, "places": ("",) * len(effects), "chi2": chi2}
         candidates.append(Candidate(**{**other, **known}))
     remains = {"none": 0.9 * gap, "single": rng.uniform(0.0, 0.1) * gap, "pair": 0.0}
     remains = {name: count * value for name, value in remains.items()}
@@ -355,11 +355,9 @@ def test_a_second_effect_that_takes_little_is_believed_less():
     def pair_given(second):
         """Probability of a pair whose second effect takes a share of what the pair takes."""
         rest = {"size": 1, "strain": 0.1, "worst": 1.01}
-        energies = {(): 3.0e5, ("a",): 1.05e5, ("a", "b"): 1.0e5}
+        chi2 = {(): 3.0e5, ("a",): 1.05e5, ("a", "b"): 1.0e5}
         in_sample = {(): 3.0e5, ("a",): 1.0e5 + 2.0e5 * second, ("a", "b"): 1.0e5}
-        candidates = [
-            Candidate(e, ("",) * len(e), energies[e], in_sample[e], **rest) for e in energies
-        ]
+        candidates = [Candidate(e, ("",) * len(e), chi2[e], in_sample[e], **rest) for e in chi2]
         remains = {"none": 2.0e5, "single": 2.0e3, "pair": 0.0}
         given = chances(Evidence(1.0e5, tuple(candidates), remains, {}))
         return sum(c.probability for c in given if c.effects == ("a", "b"))
@@ -372,7 +370,7 @@ def test_a_second_effect_that_takes_little_is_believed_less():
 def test_evidence_that_is_not_finite_gives_no_probabilities():
     """A report with none of them would say nothing, and look like one."""
     evidence = some_evidence(np.random.default_rng(0))
-    spoilt = replace(evidence.candidates[1], energy=np.nan)
+    spoilt = replace(evidence.candidates[1], chi2=np.nan)
     evidence = replace(evidence, candidates=(evidence.candidates[0], spoilt))
     with pytest.raises(AnalysisError, match="evidence must be finite, got nan"):
         chances(evidence)
@@ -469,7 +467,7 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
         0.7,
     )
     plain, shared = products(block), products(replace(block, common_columns=alike))
-    for name in ("G", "c", "energy", "cross", "cross_y"):
+    for name in ("G", "c", "chi2", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)
 
 

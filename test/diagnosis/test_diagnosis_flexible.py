@@ -32,7 +32,7 @@ def measured():
 def test_noise_is_not_predictable(measured):
     rng, around, blocks = measured
     found = predict_residuals([rng.normal(size=(1500, 1)) for _ in around], around, blocks)
-    assert np.all(found.left > 0.99 * found.energy)
+    assert np.all(found.left > 0.99 * found.chi2)
     assert found.count.sum() == 4500
 
 
@@ -50,7 +50,7 @@ def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, la
     noisy = [3.0 * law(s) + rng.normal(size=(1500, 1)) for s in around]
     found = predict_residuals(noisy, around, blocks)
     noise = found.count.sum()
-    assert found.left.sum() - noise < 0.25 * (found.energy.sum() - noise)
+    assert found.left.sum() - noise < 0.25 * (found.chi2.sum() - noise)
 
 
 def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
@@ -59,7 +59,7 @@ def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
     noisy = [0.3 * np.sin(s.values[:, :, 0]) + rng.normal(size=(1500, 1)) for s in around]
     noisy[1] = np.zeros_like(noisy[1])
     found = predict_residuals(noisy, around, blocks)
-    assert (found.energy[1], found.left[1], found.count[1]) == (0.0, 0.0, 0.0)
+    assert (found.chi2[1], found.left[1], found.count[1]) == (0.0, 0.0, 0.0)
     assert found.predicted > 0.0
     some = Predictable(
         np.array([[0.0, 0.0], [400.0, 400.0]]),
@@ -78,7 +78,7 @@ def test_a_law_of_the_mesh_phase_is_predictable_from_few_of_its_samples():
     found = predict_residuals([noisy], [around], [np.arange(n) // 72])
     assert found.count.sum() == MAX_SAMPLES
     assert found.left.sum() < 1.2 * found.count.sum()
-    assert found.energy.sum() == pytest.approx(5.5 * found.count.sum(), rel=0.05)  # 1 + 3^2 / 2
+    assert found.chi2.sum() == pytest.approx(5.5 * found.count.sum(), rel=0.05)  # 1 + 3^2 / 2
 
 
 def test_larger_noise_makes_less_of_the_same_squares(measured):

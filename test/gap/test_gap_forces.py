@@ -96,7 +96,7 @@ def test_the_band_is_how_far_a_coefficient_moves_the_forces(
 ) -> None:
     """States are fitted anew with other sun meshes; what noise alone leaves is taken off.
 
-    On a run without control: under it hidden planets move far at nearly one energy.
+    On a run without control: under it hidden planets move far at nearly the same chi2.
     """
     run, off = machine.gear.runs[0].run, np.zeros(len(machine.base))
     off[[c.name for c in machine.base].index("k_sp")] = 0.004

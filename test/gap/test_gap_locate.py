@@ -43,7 +43,7 @@ def test_noise_is_nowhere_and_a_tooth_on_its_mesh() -> None:
     campaign = rig({}, cycles=110)
     laws = laws_of(campaign)
     found = place(campaign, laws)
-    assert found.shares["mesh"].chi2 == pytest.approx(np.ones(12), abs=0.25)
+    assert found.shares["mesh"].reduced_chi2 == pytest.approx(np.ones(12), abs=0.25)
     assert all(member.beyond == () for member in found.teeth.values())
     for run, law in zip(campaign.runs, laws, strict=False):
         cycle = np.floor(run.phase / (2 * np.pi)).astype(int)

@@ -44,8 +44,8 @@ def test_planted_drift_comes_back_and_leaves_the_noise_floor(drifted: tuple) -> 
     np.testing.assert_allclose(found.factors[[0, 1]], [1.012, 0.985], atol=1e-3)
     np.testing.assert_allclose(found.factors[[4, 5]], [0.983, 1.011], atol=1e-3)
     for run, one in zip(campaign.runs, fused, strict=True):
-        before = force_law(run, one, np.ones(6)).chi2
-        after = force_law(run, one, found.factors).chi2
+        before = force_law(run, one, np.ones(6)).reduced_chi2
+        after = force_law(run, one, found.factors).reduced_chi2
         np.testing.assert_allclose(after, 1.0, atol=0.2)
         assert before.max() > 1.3
 
@@ -60,8 +60,8 @@ def test_the_balance_holds_with_the_inertias_of_the_rig(drifted: tuple) -> None:
         balances.append(torque_balance(run, one, force=force))
     inverse = 1.0 / np.array([0.988, 1.015, 1.0])
     for balance in balances:
-        np.testing.assert_allclose(replace(balance, factors=inverse).chi2, 1.0, atol=0.4)
-        assert balance.chi2.max() > 1.5
+        np.testing.assert_allclose(replace(balance, factors=inverse).reduced_chi2, 1.0, atol=0.4)
+        assert balance.reduced_chi2.max() > 1.5
 
 
 def test_a_gap_on_one_mesh_does_not_bend_the_others() -> None:
@@ -71,7 +71,7 @@ def test_a_gap_on_one_mesh_does_not_bend_the_others() -> None:
     fused = [fuse(run) for run in campaign.runs]
     found = recalibrate(campaign.runs, fused)
     np.testing.assert_allclose(found.factors, 1.0, atol=4e-3)
-    chi2 = force_law(campaign.runs[0], fused[0], found.factors).chi2
+    chi2 = force_law(campaign.runs[0], fused[0], found.factors).reduced_chi2
     assert chi2[2] > 20.0
     np.testing.assert_allclose(np.delete(chi2, 2), 1.0, atol=0.25)
 

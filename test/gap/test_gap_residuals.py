@@ -66,10 +66,10 @@ def test_a_rig_within_tolerance_is_at_the_noise_floor() -> None:
         extra = quadrature_correction(run, f, force_function(run, factors))
         force = averaged_measured_force(run, look_of(run), extra)
         balances.append(torque_balance(run, f, force=force))
-        np.testing.assert_allclose(force_law(run, f, factors).chi2, 1.0, atol=0.4)
+        np.testing.assert_allclose(force_law(run, f, factors).reduced_chi2, 1.0, atol=0.4)
     inverse = 1.0 / np.array([1.0, 1.015, 1.0])
     for balance in balances:
-        np.testing.assert_allclose(replace(balance, factors=inverse).chi2, 1.0, atol=0.6)
+        np.testing.assert_allclose(replace(balance, factors=inverse).reduced_chi2, 1.0, atol=0.6)
 
 
 def test_motion_alone_gives_the_drift_and_the_floor() -> None:
@@ -78,13 +78,13 @@ def test_motion_alone_gives_the_drift_and_the_floor() -> None:
     np.testing.assert_allclose(factors[4:], [0.983, 1.011], atol=1.5e-3)
     np.testing.assert_allclose(factors[:2], [1.012, 1.0], atol=6e-3)
     np.testing.assert_allclose(inertias.factors[1], 1.015, atol=6e-3)
-    chi2 = np.array([balance.chi2 for balance in balances])
+    chi2 = np.array([balance.reduced_chi2 for balance in balances])
     assert np.median(chi2) == pytest.approx(1.0, abs=0.3)
 
 
 def test_motion_alone_shows_a_gap() -> None:
     balances = by_motion(without_forces(rig({"k_factor": [1.0] * 6 + [1.15] * 6})))[2]
-    planets = [balance.chi2[2:].mean() for balance in balances]
+    planets = [balance.reduced_chi2[2:].mean() for balance in balances]
     assert max(planets) > 5.0
 
 
@@ -93,5 +93,5 @@ def test_few_channels_end_in_nan() -> None:
     bare = Measured(np.full((960, 12), np.nan), np.zeros(12, dtype=bool), np.full(12, np.nan))
     runs = tuple(replace(run, x=bare, v=bare, F=bare) for run in campaign.runs)
     calibration, _, balances = by_motion(replace(campaign, runs=runs))
-    assert all(np.isnan(balance.chi2).all() for balance in balances)
+    assert all(np.isnan(balance.reduced_chi2).all() for balance in balances)
     np.testing.assert_array_equal(calibration.factors, 1.0)

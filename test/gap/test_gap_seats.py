@@ -141,5 +141,5 @@ def test_a_part_is_scored_at_what_the_other_runs_say_of_it(ring_campaign) -> Non
             score.coefficients, score.leave_one_out_means[r], search.runs, search.rows
         )
         blocks = search.blocks(made, {}, tuple(search.machine.functions))[r]
-        squares = sum(float(products(b).energy_without_nuisance.sum()) for b in blocks.values())
-        assert squares == pytest.approx(score.energy[r], rel=1e-6)
+        squares = sum(float(products(b).chi2_without_nuisance.sum()) for b in blocks.values())
+        assert squares == pytest.approx(score.chi2[r], rel=1e-6)

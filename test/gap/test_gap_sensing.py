@@ -297,7 +297,7 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
     without = Search(_without_filters(GearMachine(Gear(found)))).null
     o = "force_law"
-    assert null.energy_by_row[o].sum() < 0.7 * without.energy_by_row[o].sum()
+    assert null.chi2_by_row[o].sum() < 0.7 * without.chi2_by_row[o].sum()
     assert null.in_sample < 1.2 * null.count
 
 

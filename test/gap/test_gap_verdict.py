@@ -159,7 +159,7 @@ def test_a_clock_is_told_with_the_channel_that_it_is() -> None:
 
 def left(**rows: float) -> FittedExplanation:
     """An explanation that leaves so many squares of each observation."""
-    score = SimpleNamespace(energy_by_row={o: np.array([[value]]) for o, value in rows.items()})
+    score = SimpleNamespace(chi2_by_row={o: np.array([[value]]) for o, value in rows.items()})
     return FittedExplanation((), cast("Score", score))
 
 

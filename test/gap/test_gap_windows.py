@@ -404,7 +404,7 @@ def test_a_run_in_a_wrong_minimum_is_begun_anew_once_the_gear_is_calibrated() ->
     )
     calibrated = Search(machine).null
     values = [np.count_nonzero(t.recorded.weight) for t in machine.gear.trajectories]
-    assert np.all(calibrated.energy / values < 1.1)
+    assert np.all(calibrated.chi2 / values < 1.1)
 
 
 @pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -419,7 +419,7 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     best = max(pins, key=lambda h: h.measured_gain or 0.0)
     assert isinstance(best.locus, Locus)
     assert best.locus.planet == campaign.label["effects"][0]["locus"]["planet"]
-    excess = float(calibrated.energy.sum()) - calibrated.count
+    excess = float(calibrated.chi2.sum()) - calibrated.count
     assert best.measured_gain is not None
     assert best.measured_gain > 0.5 * excess > 0.0
 

@@ -293,10 +293,10 @@ def test_several_benches_are_told_side_by_side(tmp_path, capsys):
     assert [one.split()[1].endswith("pins") for one in marked] == [True]
 
 
-def candidate(energy, *effects, in_sample=None, size=0):
+def candidate(chi2, *effects, in_sample=None, size=0):
     places = tuple("all/all/all" for _ in effects)
-    left = energy if in_sample is None else in_sample
-    return Candidate(effects, places, energy, left, size, 0.0, left / 1000.0)
+    left = chi2 if in_sample is None else in_sample
+    return Candidate(effects, places, chi2, left, size, 0.0, left / 1000.0)
 
 
 GAP = Evidence(

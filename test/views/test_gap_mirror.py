@@ -56,7 +56,7 @@ def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Di
     views = run_views(campaign, found)
     assert [view.run.role for view in views] == ["fit", "fit", "held_out"]
     for view in views:
-        before, after = view.energy["nominal"], view.energy["augmented"]
+        before, after = view.reduced_chi2["nominal"], view.reduced_chi2["augmented"]
         assert before[:6].min() > 1.5 * after[:6].max()
         assert after.max() < 1.3
         np.testing.assert_array_equal(

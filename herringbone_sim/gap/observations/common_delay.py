@@ -25,7 +25,7 @@ from herringbone_sim.gap.sensors.filter_delay import (
 STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
 N_STRETCHES = 2  # runs used, the fastest ones, where a delay is largest in phase
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
-MAX_NULL_CHI2 = 2.0  # energy per value; below it no delay is visible; chosen
+MAX_NULL_CHI2 = 2.0  # chi2 per value; below it no delay is visible; chosen
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -55,7 +55,7 @@ def remove_common_delay(
         return Search(GearMachine(gear))
 
     def left(delay: float) -> float:
-        """Energy per value of the calibrated gear at a delay [s]."""
+        """Chi2 per value of the calibrated gear at a delay [s]."""
         score = null(delay).null
         return score.in_sample / score.count
 

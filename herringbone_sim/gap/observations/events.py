@@ -156,7 +156,7 @@ EVENT_KINDS = ("tooth_crack", "tooth_spall")
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The events that remove most energy, ``per_kind`` of each kind.
+    """The events that remove most chi2, ``per_kind`` of each kind.
 
     Args:
         amplitudes: of the current fit; its residual is searched.
@@ -175,7 +175,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
 
 
 def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
-    """Energy removed and event, for the best six places and assemblies of a member."""
+    """Chi2 removed and event, for the best six places and assemblies of a member."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = one.A.shape[1]

@@ -1,4 +1,4 @@
-"""Grid search for moving parts: energy that a flexible ring or loose pin would remove."""
+"""Grid search for moving parts: chi2 that a flexible ring or loose pin would remove."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 def best_seats(trial: PartTrial) -> list[Seat]:
-    """Part of each grid that removes most energy.
+    """Part of each grid that removes most chi2.
 
     The grid is evaluated at the largest places (all sides), then the best point at each place
     inside the best one. The best part of all is refined by local search.
@@ -120,7 +120,7 @@ EVERY = 2  # runs between two that a trial looks at; chosen for run time
 
 
 class PartTrial:
-    """Evaluates the energy that a moving part removes when all other coefficients are refitted.
+    """Evaluates the chi2 that a moving part removes when all other coefficients are refitted.
 
     Args:
         gear: with its runs.
@@ -164,11 +164,11 @@ class PartTrial:
         return TrialRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
     def gain(self, seat: Seat) -> float:
-        """Energy that a part removes from the runs used."""
+        """Chi2 that a part removes from the runs used."""
         return self._gain_and_refit(seat)[0]
 
     def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
-        """Energy removed, and refitted coefficients (p,) of the current fit less centres."""
+        """Chi2 removed, and refitted coefficients (p,) of the current fit less centres."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):

@@ -1,7 +1,7 @@
 """Fit the states of short windows of a run to its channels: multiple shooting.
 
 Windows are short against the Lyapunov time, so chaos does no harm, and joined by a weak
-continuity constraint: jumps cost energy (H. G. Bock, Springer Series in Chemical Physics 18, 102
+continuity constraint: jumps add to chi2 (H. G. Bock, Springer Series in Chemical Physics 18, 102
 (1981), where they are zero). Solved by Levenberg-Marquardt over the start states of all windows.
 """
 
@@ -24,8 +24,8 @@ from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
-RELATIVE_TOLERANCE = 1e-3  # decrease of the energy, as a share of it, that ends the fit
-# The same where the states themselves are wanted: hidden planets move on at nearly one energy.
+RELATIVE_TOLERANCE = 1e-3  # decrease of the chi2, as a share of it, that ends the fit
+# The same where the states themselves are wanted: hidden planets move on at nearly the same chi2.
 FINE_TOLERANCE = 1e-8
 
 
@@ -58,7 +58,7 @@ class WindowSolution:
 
     @property
     def cost(self) -> float:
-        """Energy: sum of squared residuals and of jumps over ``JUMP_SD``."""
+        """Chi2: sum of squared residuals and of jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
 
 

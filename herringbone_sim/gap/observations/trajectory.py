@@ -52,8 +52,8 @@ NAME = "trajectory"
 # Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
 # chosen for run time.
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
-MAX_FIT_CHI2 = 1.5  # energy per reading above which states may be in a wrong minimum; chosen
-# Energy over that at the last restart below which states are restarted: the motion has changed;
+MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a wrong minimum; chosen
+# Chi2 over that at the last restart below which states are restarted: the motion has changed;
 # chosen.
 RESTART_SHARE = 0.75
 STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
@@ -79,8 +79,8 @@ class Trajectory(ForcedWindows):
         super().__init__(run, windows=windows)
         self._exchanged = exchanged
         self._solutions: dict[tuple[str, ...], WindowSolution] = {}
-        self._restart_energies: dict[tuple[str, ...], float] = {}
-        self._energies: dict[tuple[str, ...], float] = {}
+        self._restart_chi2: dict[tuple[str, ...], float] = {}
+        self._chi2: dict[tuple[str, ...], float] = {}
         self._restarted_when_settled: set[tuple[str, ...]] = set()
         self._independent: float | None = None
         self._least: WindowSolution | None = None
@@ -96,7 +96,7 @@ class Trajectory(ForcedWindows):
         """Fit states under a change, from those fitted last for the same ``key``.
 
         States are restarted by the filter where they may be in a wrong minimum, and from those
-        of the change with the least energy so far, sensor errors aside, once for each.
+        of the change with the least chi2 so far, sensor errors aside, once for each.
 
         Args:
             key: names of the functions with an amplitude.
@@ -125,9 +125,9 @@ class Trajectory(ForcedWindows):
                 self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
             solution = min(solution, other, key=lambda one: one.cost)
-        before = self._restart_energies.get(key, self.nominal.cost)
+        before = self._restart_chi2.get(key, self.nominal.cost)
         far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
-        settled = abs(self._energies.get(key, np.inf) - solution.cost) < CHANCE_CHI2
+        settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
         at_rest = far_off and settled and key not in self._restarted_when_settled
         if at_rest:
             self._restarted_when_settled.add(key)
@@ -142,7 +142,7 @@ class Trajectory(ForcedWindows):
                 near.trends,
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
-            self._restart_energies[key] = solution.cost
+            self._restart_chi2[key] = solution.cost
         if self._fine:
             solution = fitted_windows(
                 self.windows,
@@ -153,7 +153,7 @@ class Trajectory(ForcedWindows):
             )
         if not self._has_converged(solution):
             solution = self.nominal
-        self._solutions[key], self._energies[key] = solution, solution.cost
+        self._solutions[key], self._chi2[key] = solution, solution.cost
         comparable = self.windows is self.recorded
         if comparable and (self._least is None or solution.cost < self._least.cost):
             self._least = solution

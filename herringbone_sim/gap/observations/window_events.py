@@ -1,4 +1,4 @@
-"""Damaged teeth in windows of the motion: which event removes most energy.
+"""Damaged teeth in windows of the motion: which event removes most chi2.
 
 A tooth contact excites the motion, so its response outlasts it and reaches all channels. The
 response of the windows to a contact of every mesh at every time is computed once, states are
@@ -115,7 +115,7 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The events that remove most energy, ``per_kind`` of each kind; see ``events.proposals``."""
+    """The events that remove most chi2, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
     found = parallel_map(
         lambda r: contact_responses(
@@ -132,7 +132,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
 
 
 def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
-    """Events best first; of events that remove the same energy, that on most meshes.
+    """Events best first; of events that remove the same chi2, that on most meshes.
 
     Such events differ only in contacts outside the windows, and a tooth meets all its meshes.
     """
@@ -153,7 +153,7 @@ def _mesh_count(gear: Gear, event: Event) -> int:
 def _best_events(
     gear: Gear, runs: Sequence[Contacts], kind: str, member: str
 ) -> Iterator[tuple[float, Event]]:
-    """Energy removed and event, for each place at the time that removes most."""
+    """Chi2 removed and event, for each place at the time that removes most."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(MIDDLES_PER_CYCLE * cycles)

@@ -28,7 +28,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 class WindowPartTrial(PartTrial):
-    """Energy that a part removes from windows, linear about the states fitted without it."""
+    """Chi2 that a part removes from windows, linear about the states fitted without it."""
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]

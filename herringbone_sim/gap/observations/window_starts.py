@@ -27,7 +27,7 @@ N_FITTED = 2  # initial states fitted to convergence
 # of the fit before.
 N_FILTERED = 3
 MAX_ROUNDS = 8
-RELATIVE_TOLERANCE = 1e-2  # decrease of a window's energy, as a share, that ends its fit
+RELATIVE_TOLERANCE = 1e-2  # decrease of a window's chi2, as a share, that ends its fit
 
 
 def filter_and_fit(
@@ -76,7 +76,7 @@ def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, 
     process noise ``JUMP_SD``.
 
     Returns:
-        Start states (K, W, 18) and total energies (K,).
+        Start states (K, W, 18) and total chi2 (K,).
     """
     K, eye = len(first), np.eye(STATES)
     found, cost = np.empty((K, s.n_windows, STATES)), np.zeros(K)
@@ -102,14 +102,14 @@ def _window(
         expected, precision: mean (K, 18) and inverse covariance (K, 18, 18) of the prior.
 
     Returns:
-        States (K, 18), energies (K,), normal matrices (K, 18, 18), propagators to the end
+        States (K, 18), chi2 (K,), normal matrices (K, 18, 18), propagators to the end
         (K, 18, 18) and states at the end (K, 18).
     """
     K = len(expected)
     first = np.full(K, s.first_half_step[w])
 
     def evaluate(z: Array) -> tuple[Array, ...]:
-        """States, tangents, channel derivatives, residuals and energy at scaled starts z."""
+        """States, tangents, channel derivatives, residuals and chi2 at scaled starts z."""
         states, tangents = integrate_windows(z * s.scale, first, s.steps, s.h, forcing)
         seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]

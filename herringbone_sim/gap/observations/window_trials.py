@@ -26,7 +26,7 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 # Offsets of the logarithm of a part's stiffness or clearance; chosen.
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
-SURE_SHARE = 0.5  # of the energy, left by an exchange that is believed without other trials
+SURE_SHARE = 0.5  # of the chi2, left by an exchange that is believed without other trials
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
 
@@ -38,7 +38,7 @@ def nonlinear_trials(
     ranked: Sequence[tuple[Hypothesis, Array]],
     known: Score,
 ) -> list[tuple[float, Hypothesis, Array]]:
-    """Best trials: energy left of all runs, hypothesis, start of its fit.
+    """Best trials: chi2 left of all runs, hypothesis, start of its fit.
 
     Args:
         rows: number of rows of each observation.
@@ -75,7 +75,7 @@ def nonlinear_trials(
             trials += [(one, np.concatenate([about, moderate * k, rest])) for k in SIZE_FACTORS]
 
     def share_left(r: int, i: int, rounds: int) -> float:
-        """Energy left of run r by trial i over that without it, at most 1 (not converged)."""
+        """Chi2 left of run r by trial i over that without it, at most 1 (not converged)."""
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
         if _is_swap(one):

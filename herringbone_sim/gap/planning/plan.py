@@ -264,7 +264,7 @@ def _probabilities(
         made((r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own)
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]
-    singles = sorted((own, *others), key=lambda c: c.energy)
+    singles = sorted((own, *others), key=lambda c: c.chi2)
     judged = chances(Evidence(count, (none, *singles), {}, {}))
     total: dict[str, float] = {}
     for one in judged:
@@ -277,17 +277,17 @@ def _probabilities(
 def _candidate(
     effects: tuple[str, ...],
     locus: object,
-    energy: float,
+    chi2: float,
     size: int,
     count: float,
     by_density: bool,
 ) -> Candidate:
-    """Candidate of the judge with chi2 ``energy`` and ``size`` coefficients of its own.
+    """Candidate of the judge with ``chi2`` and ``size`` coefficients of its own.
 
     Args:
         count: number of whitened values.
         by_density: whether a diagnosis compares explanations by density, see ``Score.loss``.
     """
     places = (str(locus),) * len(effects)
-    density = -0.5 * energy if by_density else None
-    return Candidate(effects, places, energy, energy, size, 0.0, energy / count, density)
+    density = -0.5 * chi2 if by_density else None
+    return Candidate(effects, places, chi2, chi2, size, 0.0, chi2 / count, density)

@@ -56,7 +56,7 @@ class Balance:
         return residual
 
     @property
-    def chi2(self) -> Array:
+    def reduced_chi2(self) -> Array:
         """Mean square (m,) of residual over sigma: 1 where the balance holds."""
         chi2: Array = np.mean((self.residual / self.sigma) ** 2, axis=0)
         return chi2

@@ -1,6 +1,6 @@
 """Distribution of the force-law residual over meshes, contact, phase, load and temperature.
 
-The energy above the noise floor is divided among the values of each factor. Repetition with the
+The chi2 above the noise floor is divided among the values of each factor. Repetition with the
 teeth of a member and with the orders of the input shaft is tested against chance; for teeth the
 mesh cycles of a run are permuted, so that neither correlation within a cycle nor the level of a
 run counts as repetition.
@@ -31,13 +31,13 @@ class Share:
     Attributes:
         labels: the m values of the factor, such as names of meshes or ``back``, ``apart``,
             ``drive``.
-        chi2: (m,) mean square of the residual at each value: 1 is noise.
+        reduced_chi2: (m,) mean square of the residual at each value: 1 is noise.
         share: (m,) part of the squares above the noise that lies at each value; the sum is 1, or 0
             if no value is above the noise.
     """
 
     labels: tuple[str, ...]
-    chi2: Array
+    reduced_chi2: Array
     share: Array
 
 
@@ -150,12 +150,12 @@ def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
     """Shares of squares (n, m) by the factor ``values`` (n, m), an index of ``labels``."""
     known = np.isfinite(square)
     at = values[known]
-    energy = np.bincount(at, square[known], minlength=len(labels))
+    chi2 = np.bincount(at, square[known], minlength=len(labels))
     count = np.bincount(at, minlength=len(labels))
-    excess = np.maximum(energy - count, 0.0)
+    excess = np.maximum(chi2 - count, 0.0)
     total = excess.sum()
     share = excess / total if total > 0.0 else excess
-    return Share(tuple(labels), energy / np.maximum(count, 1), share)
+    return Share(tuple(labels), chi2 / np.maximum(count, 1), share)
 
 
 def _phase_bin(phase: Array) -> Indices:
@@ -167,7 +167,7 @@ def _modes(unit: Array, meshes: MeshTable) -> Share:
     """Shares of the sum and the difference of the sides, equal on all planets or not, by kind."""
     n = int(meshes.planet.max()) + 1
     r = np.nan_to_num(unit).reshape(len(unit), 2, 2, n)
-    labels, energies = [], []
+    labels, sums = [], []
     for sign, name in ((1.0, "L+R"), (-1.0, "L-R")):
         both = (r[:, :, 0] + sign * r[:, :, 1]) / np.sqrt(2.0)
         mean = both.mean(axis=2, keepdims=True)
@@ -175,10 +175,10 @@ def _modes(unit: Array, meshes: MeshTable) -> Share:
             common = float(np.mean(n * mean[:, kind] ** 2))
             apart = float(np.mean(np.sum((both - mean)[:, kind] ** 2, axis=1)))
             labels += [f"{short} {name} planets alike", f"{short} {name} planets apart"]
-            energies += [(common, 1.0), (apart, n - 1.0)]
-    chi2 = np.array([e / max(c, 1.0) for e, c in energies])
-    excess = np.array([max(e - c, 0.0) for e, c in energies])
-    return Share(tuple(labels), chi2, excess / max(excess.sum(), 1e-300))
+            sums += [(common, 1.0), (apart, n - 1.0)]
+    reduced_chi2 = np.array([chi2 / max(n, 1.0) for chi2, n in sums])
+    excess = np.array([max(chi2 - n, 0.0) for chi2, n in sums])
+    return Share(tuple(labels), reduced_chi2, excess / max(excess.sum(), 1e-300))
 
 
 def _cycles(run: PreparedRun, unit: Array) -> tuple[Indices, Array]:
@@ -205,7 +205,7 @@ def _teeth(
 ) -> Periodicity:
     """Test, for each mesh, whether the residual repeats after ``length`` mesh cycles.
 
-    The statistic is the largest energy of the mean residual at one position of the turn, over the
+    The statistic is the largest chi2 of the mean residual at one position of the turn, over the
     variance of the mesh cycles of the run: large where one tooth differs from the others.
     """
     strength = np.zeros(len(names))
@@ -223,14 +223,14 @@ def _teeth(
 
 
 def _repeats(flat: Array, number: Indices, length: int) -> Array:
-    """Largest energy (m,) of the mean residual at one position of the turn."""
+    """Largest chi2 (m,) of the mean residual at one position of the turn."""
     fold = np.mod(number, length)
     counts = np.bincount(fold, minlength=length)
     membership = np.zeros((length, len(flat)))
     membership[fold, np.arange(len(flat))] = 1.0 / np.sqrt(np.maximum(counts, 1))[fold]
     mean = membership @ flat.reshape(len(flat), -1)
-    energy = np.sum(mean.reshape(length, *flat.shape[1:]) ** 2, axis=1)
-    repeats: Array = energy.max(axis=0)
+    chi2 = np.sum(mean.reshape(length, *flat.shape[1:]) ** 2, axis=1)
+    repeats: Array = chi2.max(axis=0)
     return repeats
 
 

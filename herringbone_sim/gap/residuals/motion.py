@@ -111,7 +111,7 @@ def recalibrate_motion(
 def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:
     """Whitened Jacobian (9, k m) of the expected accelerations, and residual (k m,)."""
     balance = motion_balance(run, fused, noise, p[:6], p[6:])
-    spread = balance.sigma * np.sqrt(np.maximum(balance.chi2, 1.0) * balance.overlap)
+    spread = balance.sigma * np.sqrt(np.maximum(balance.reduced_chi2, 1.0) * balance.overlap)
     window = window_of(run, WIDTH)
     A = np.tensordot(p[6:], inertia_parts(run.model), axes=1)
     here = force_law(run, fused, p[:6]).modelled_n

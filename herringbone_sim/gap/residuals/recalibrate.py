@@ -49,7 +49,7 @@ class ForceLaw:
     contact: Array
 
     @property
-    def chi2(self) -> Array:
+    def reduced_chi2(self) -> Array:
         """Mean square (n_mesh,) of residual over sigma: 1 where the law holds."""
         chi2: Array = np.mean((self.residual_n / self.sigma_n) ** 2, axis=0)
         return chi2
@@ -174,7 +174,7 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
         -(k * law.contact * run.waves.e + c * run.waves.e_rate),
     )
     known = np.isfinite(law.residual_n).all(axis=0)
-    spread = law.sigma_n * np.sqrt(np.maximum(law.chi2, 1.0))
+    spread = law.sigma_n * np.sqrt(np.maximum(law.reduced_chi2, 1.0))
     A, b = np.zeros((6, 6)), np.zeros(6)
     for kind in range(2):
         half = np.zeros(n, dtype=bool)

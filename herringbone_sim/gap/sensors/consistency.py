@@ -43,13 +43,13 @@ def consistency_chi2(
         noise_of: a run for each, by whose noise the increments are whitened, see ``relations``;
             all else is over the noise of ``runs``. None: ``runs``.
     """
-    energy = count = 0.0
+    chi2 = count = 0.0
     for run, other in zip(runs, noise_of or runs, strict=True):
         J = sum(m.recorded.size for m in (run.x, run.v, run.u))
         for relation in relations(run, np.zeros((len(run), J, 1)), other):
-            energy += float(np.sum(relation.residual**2))
+            chi2 += float(np.sum(relation.residual**2))
             count += _degrees_of_freedom(relation.residual, relation.columns)
-    return energy / max(count, 1.0)
+    return chi2 / max(count, 1.0)
 
 
 def _degrees_of_freedom(residual: Array, columns: Array) -> float:

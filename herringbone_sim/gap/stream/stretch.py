@@ -55,7 +55,7 @@ class Residual:
 
     @property
     def shares(self) -> Array:
-        """Share (k,) of each place in the energy above noise; 0 below ``NOISE_LIMIT``."""
+        """Share (k,) of each place in the chi2 above noise; 0 below ``NOISE_LIMIT``."""
         return _shares(self.square, np.full(self.square.shape, float(self.count)))
 
     @property
@@ -154,7 +154,7 @@ def same_operating_point(a: Mapping[str, float], b: Mapping[str, float]) -> bool
 
 
 def _shares(square: Array, count: Array) -> Array:
-    """Shares of places or contact states in the energy above noise."""
+    """Shares of places or contact states in the chi2 above noise."""
     above = np.where(square > NOISE_LIMIT * count, square - count, 0.0)
     return np.asarray(above / max(float(above.sum()), 1e-300), dtype=np.float64)
 

@@ -86,5 +86,5 @@ def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> di
 
 def _share(one: Share) -> list[dict[str, Any]]:
     """Rows of a share as plain data."""
-    rows = zip(one.labels, one.share, one.chi2, strict=True)
+    rows = zip(one.labels, one.share, one.reduced_chi2, strict=True)
     return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]

@@ -82,14 +82,14 @@ class Separation:
     Attributes:
         A: (q, q) normal matrix.
         b: (q,) right side.
-        energy: sum of squares of the difference before the fit, in units of the noise.
+        chi2: sum of squares of the difference before the fit, in units of the noise.
         count: number of values.
         low, high: (q,) bounds of the parameters.
     """
 
     A: Array
     b: Array
-    energy: float
+    chi2: float
     count: float
     low: Array
     high: Array
@@ -99,7 +99,7 @@ class Separation:
             self,
             A=self.A + other.A,
             b=self.b + other.b,
-            energy=self.energy + other.energy,
+            chi2=self.chi2 + other.chi2,
             count=self.count + other.count,
         )
 
@@ -109,7 +109,7 @@ class Separation:
             self,
             A=weight * self.A,
             b=weight * self.b,
-            energy=weight * self.energy,
+            chi2=weight * self.chi2,
             count=weight * self.count,
         )
 
@@ -127,7 +127,7 @@ class Separation:
         right = np.linalg.solve(root.T, scale * self.b)
         found = lsq_linear(root, right, bounds=(self.low / scale, self.high / scale))
         beta = scale * found.x
-        return max(float(self.energy - 2.0 * self.b @ beta + beta @ self.A @ beta), 0.0)
+        return max(float(self.chi2 - 2.0 * self.b @ beta + beta @ self.A @ beta), 0.0)
 
 
 def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation:
@@ -136,7 +136,7 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
     return Separation(
         A=fitted.gram,
         b=np.einsum("qk,k->q", J, d),
-        energy=float(d @ d),
+        chi2=float(d @ d),
         count=float(d.size),
         low=fitted.low,
         high=fitted.high,

@@ -124,7 +124,7 @@ def _portrayed(view: RunView) -> tuple[str, ...]:
     """Name of the mesh with the largest residual as a tuple; empty if there is no motion."""
     if not view.planes:
         return ()
-    return (view.meshes[int(np.argmax(np.nan_to_num(view.energy["nominal"])))],)
+    return (view.meshes[int(np.argmax(np.nan_to_num(view.reduced_chi2["nominal"])))],)
 
 
 def _send_portraits(recording: Any, view: RunView, mesh: str) -> None:
