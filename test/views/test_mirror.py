@@ -2,59 +2,33 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mirror_support import (
+    FREQUENCY_HZ,
+    PLAIN,
+    REDUCED,
+    SAMPLES,
+    SCALE,
+    SCALED,
+    make_block,
+    read,
+    wait_for,
+)
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.views.mirror.block import Drawing, MirrorBlock, Scale
+from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
 from herringbone_sim.views.mirror.mirror import RerunMirror
 from herringbone_sim.views.mirror.target import MirrorTarget
 
-importlib.import_module("rerun")
-
-REDUCED = Layout(1, numbered=False)
 FULL = Layout(3, numbered=True)
-SCALE = Scale(1e-4, {"sp": 5e-5, "rp": 5e-5}, 3.2e4)
-PLAIN = Drawing(REDUCED)
-SCALED = Drawing(REDUCED, SCALE)
-FREQUENCY_HZ = 5000.0
-SAMPLES = 16
-TIMELINES = ("sim_time", "wall_time")
-
-
-def make_block(
-    layout: Layout = REDUCED, start: int = 0, cycles: int = 30, K: float = 0.1, **more: object
-) -> MirrorBlock:
-    """Harmonic motion of amplitude b_c in every mesh, ``start`` in samples."""
-    turns = (start + np.arange(cycles * SAMPLES)) / SAMPLES
-    rows = np.zeros((len(turns), len(layout.channels)))
-    for column, name in enumerate(layout.channels):
-        if name[0] in "xvF" and name != "t":
-            rows[:, column] = 1e-4 * np.cos(2 * np.pi * turns)
-    rows[:, :5] = np.column_stack(
-        [turns / FREQUENCY_HZ, 2 * np.pi * turns, *np.outer([K, 50.0, 220.0], np.ones(len(turns)))]
-    )
-    return MirrorBlock(
-        wall_ns=1_700_000_000_000_000_000 + start,
-        names=layout.channels,
-        rows=rows,
-        sections=rows[::SAMPLES],
-        parameters={"K": K, "delta_T": 50.0},
-        **more,
-    )
 
 
 def save(path: Path, blocks: list[MirrorBlock], drawing: Drawing = SCALED) -> None:
@@ -73,37 +47,6 @@ def rrd(command: str, path: Path) -> str:
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout + done.stderr
-
-
-def read(path: Path) -> dict[str, list[dict[str, object]]]:
-    """Rows of each entity, static ones included; ``sim_time`` and ``wall_time`` in ns."""
-    from rerun.chunk import RrdReader
-
-    rows: dict[str, list[dict[str, object]]] = {}
-    for chunk in RrdReader(path).stream():
-        batch = chunk.to_record_batch()
-        columns = {
-            name: (column.cast("int64") if name in TIMELINES else column).to_pylist()
-            for name, column in zip(batch.schema.names, batch.columns, strict=True)
-        }
-        made = [
-            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-        ]
-        rows.setdefault(chunk.entity_path, []).extend(made)
-    return rows
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def wait_for(mirror: RerunMirror, start: str) -> None:
-    deadline = time.monotonic() + 60
-    while not mirror.state.startswith(start) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert mirror.state.startswith(start)
 
 
 @pytest.mark.parametrize("layout", [REDUCED, FULL], ids=["reduced", "full"])
@@ -244,180 +187,6 @@ def test_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyP
     go_on.set()
     mirror.close(60.0)
     assert len(seen) == 3
-
-
-def test_dead_address_fails_without_raising_and_close_returns() -> None:
-    mirror = RerunMirror(MirrorTarget("connect", f"127.0.0.1:{free_port()}"), PLAIN)
-    wait_for(mirror, "failed: no viewer answers")
-    before = mirror.dropped
-    assert not mirror.put(make_block())
-    assert mirror.dropped == before + 1
-    mirror.close(60.0)
-    assert not mirror._thread.is_alive()
-
-
-def test_connect_finds_a_viewer_that_starts_later() -> None:
-    from herringbone_sim.views.mirror.sink import rerun_binary
-
-    port = free_port()
-    mirror = RerunMirror(MirrorTarget("connect", str(port)), PLAIN)
-    wait_for(mirror, "failed")
-    server = subprocess.Popen(
-        [rerun_binary(), "--serve-grpc", "--port", str(port)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        wait_for(mirror, "running")
-        assert mirror.put(make_block(), wait_s=30.0)
-        server.kill()
-        server.wait()
-        wait_for(mirror, "failed")
-    finally:
-        server.kill()
-        server.wait()
-        mirror.close(60.0)
-
-
-def read_so_far(path: Path) -> dict[str, list[dict[str, object]]]:
-    """Rows of a file that is being written; none before its first message is whole."""
-    try:
-        return read(path)
-    except (ValueError, RuntimeError):
-        return {}
-
-
-@pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_server_hands_its_blocks_to_a_viewer(tmp_path: Path) -> None:
-    from herringbone_sim.views.mirror.sink import answers, rerun_binary
-
-    port = free_port()
-    mirror = RerunMirror(MirrorTarget("serve", str(port)), SCALED)
-    assert mirror.put(make_block(), wait_s=30.0)
-    deadline = time.monotonic() + 60
-    while not answers("127.0.0.1", port) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    path = tmp_path / "copy.rrd"
-    url = f"rerun+http://127.0.0.1:{port}/proxy"
-    viewer = subprocess.Popen(
-        [rerun_binary(), url, "--port", str(free_port()), "--save", str(path)]
-    )
-    try:
-        while "/section/points" not in read_so_far(path) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        assert "/section/points" in read(path)
-    finally:
-        mirror.close(60.0)
-        viewer.terminate()
-        viewer.wait(30)
-
-
-def test_port_that_is_taken_is_said() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        mirror = RerunMirror(MirrorTarget("serve", str(taken.getsockname()[1])), PLAIN)
-        wait_for(mirror, "failed: port")
-        mirror.close(60.0)
-
-
-def listens(host: str, port: int) -> bool:
-    from herringbone_sim.views.mirror.sink import answers
-
-    return answers(host, port)
-
-
-@pytest.mark.parametrize(
-    ("address", "open_at"),
-    [
-        ("{port}", {"127.0.0.1"}),
-        ("127.0.0.1:{port}", {"127.0.0.1"}),
-        ("localhost:{port}", {"127.0.0.1"}),
-        ("127.0.0.2:{port}", {"127.0.0.2"}),
-        ("0.0.0.0:{port}", {"127.0.0.1", "127.0.0.2"}),
-    ],
-)
-def test_a_server_listens_where_it_was_asked_to(address: str, open_at: set[str]) -> None:
-    port = free_port()
-    mirror = RerunMirror(MirrorTarget("serve", address.format(port=port)), PLAIN)
-    assert mirror.put(make_block(), wait_s=30.0)
-    try:
-        deadline = time.monotonic() + 60
-        while not any(listens(host, port) for host in open_at) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        assert mirror.state == "running"
-        heard = {host for host in ("127.0.0.1", "127.0.0.2") if listens(host, port)}
-    finally:
-        mirror.close(60.0)
-    assert heard == open_at
-    assert not any(listens(host, port) for host in open_at)
-
-
-@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid"])
-def test_an_address_of_another_machine_is_not_served_at(host: str) -> None:
-    mirror = RerunMirror(MirrorTarget("serve", f"{host}:{free_port()}"), PLAIN)
-    wait_for(mirror, "failed")
-    mirror.close(60.0)
-    assert host in mirror.state
-
-
-def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
-    port = free_port()
-    program = (
-        "import os, signal\n"
-        "from herringbone_sim.views.mirror.sink import open_sink\n"
-        "from herringbone_sim.views.mirror.target import MirrorTarget\n"
-        f"open_sink(MirrorTarget('serve', '{port}'))\n"
-        "os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    killed = subprocess.Popen([sys.executable, "-c", program])
-    deadline = time.monotonic() + 60
-    while killed.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert killed.returncode == -signal.SIGKILL
-    while listens("127.0.0.1", port) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert not listens("127.0.0.1", port)
-
-
-def test_what_a_viewer_said_lies_in_no_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from herringbone_sim.views.mirror.sink import last_error_line, temporary_file
-
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with temporary_file() as errors:
-        for text in ("first", "the port is lost"):
-            subprocess.run(["sh", "-c", f"echo {text} >&2"], stderr=errors, check=True)
-            assert last_error_line(errors) == f": {text}"
-        assert list(tmp_path.iterdir()) == []
-
-
-def test_a_server_that_ends_is_told_and_started_again() -> None:
-    port = free_port()
-    told: list[str] = []
-    mirror = RerunMirror(MirrorTarget("serve", str(port)), PLAIN, report=told.append)
-    assert mirror.put(make_block(), wait_s=30.0)
-    wait_for(mirror, "running")
-    deadline = time.monotonic() + 60
-    while not listens("127.0.0.1", port) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    (server,) = [pid for pid in pids() if f"--port\0{port}\0" in pid[1]]
-    os.kill(server[0], signal.SIGKILL)
-    wait_for(mirror, "failed")
-    wait_for(mirror, "running")
-    mirror.close(60.0)
-    assert len(told) == 1
-
-
-def pids() -> list[tuple[int, str]]:
-    """Processes of the viewer's program on this machine with their command lines."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if "rerun" in (folder / "exe").readlink().name:
-                found.append((int(folder.name), (folder / "cmdline").read_text()))
-    return found
 
 
 def test_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:

@@ -1,21 +1,15 @@
-"""The diagnosis engine against dense linear algebra and references of its own kind."""
+"""Products of blocks and scores of them against dense linear algebra."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
-from scipy.stats import multivariate_normal
 
-from herringbone_sim.diagnosis import regression
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, Placement
-from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
 from herringbone_sim.diagnosis.flexible import Predictable
-from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -23,91 +17,8 @@ from herringbone_sim.diagnosis.products import (
     recentred,
     residual_without_nuisance,
 )
-from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
+from herringbone_sim.diagnosis.regression import Normal, leave_one_out
 from herringbone_sim.diagnosis.score import MAX_DEPARTURE_SD, compute_score
-from herringbone_sim.errors import AnalysisError
-
-
-def density(y, Phi, sd, mean=0.0):
-    """log N(y; Phi mean, 1 + Phi sd^2 Phi') relative to log N(y; 0, 1)."""
-    n = len(y)
-    spread = np.eye(n) + Phi @ np.diag(sd**2) @ Phi.T
-    center = Phi @ (np.zeros(Phi.shape[1]) + mean)
-    of_model = multivariate_normal(center, spread).logpdf(y)
-    return of_model - multivariate_normal(np.zeros(n), np.eye(n)).logpdf(y)
-
-
-def problem(seed, most=12):
-    """Phi, y, sd and bounds of a regression whose columns are correlated."""
-    rng = np.random.default_rng(seed)
-    p = rng.integers(1, most)
-    mixing = np.eye(p) + rng.uniform(0.0, 2.0) * rng.normal(size=(p, p))
-    Phi = rng.normal(size=(40, p)) @ mixing
-    y = Phi @ rng.normal(size=p) + rng.normal(size=40)
-    bound = np.where(rng.random(p) < 0.7, rng.uniform(0.05, 1.5, p), np.inf)
-    return Phi, y, rng.uniform(0.3, 3.0, p), bound
-
-
-def test_a_solution_whose_bounds_never_settle_is_not_taken_for_one(monkeypatch):
-    """A solver that always ends outside: bound and free take turns for ever."""
-    monkeypatch.setattr(regression, "_solved", lambda factor, right: np.full_like(right, 5.0))
-    found = solve(np.eye(1), np.zeros(1), np.ones(1), np.ones(1))
-    assert found.log_evidence == -np.inf
-    assert (found.mean, found.covariance) == (0.0, 1.0)
-
-
-@pytest.mark.parametrize("start", range(0, 100, 25))
-def test_bounded_solutions_are_those_of_least_squares_in_a_box(start):
-    held = 0
-    for seed in range(start, start + 25):
-        Phi, y, sd, bound = problem(seed)
-        found = solve(Phi.T @ Phi, Phi.T @ y, sd, bound)
-        tall, right = np.vstack([Phi, np.diag(1.0 / sd)]), np.append(y, np.zeros(len(sd)))
-        expected = lsq_linear(tall, right, (-bound, bound), method="bvls", tol=1e-15).x
-        np.testing.assert_allclose(found.mean, expected, rtol=0.0, atol=1e-9)
-        held += np.sum(np.abs(expected) == bound)
-    assert held > 10  # else the bounds are not tried
-
-
-def test_the_evidence_is_the_density_of_the_data():
-    for seed in range(20):
-        Phi, y, sd, _ = problem(seed)
-        found = solve(Phi.T @ Phi, Phi.T @ y, sd, np.full(len(sd), np.inf))
-        assert found.log_evidence == pytest.approx(density(y, Phi, sd), rel=1e-10, abs=1e-8)
-        spread = np.linalg.inv(Phi.T @ Phi + np.diag(sd**-2.0))
-        np.testing.assert_allclose(found.covariance, spread, rtol=1e-7, atol=1e-10)
-
-
-def test_the_evidence_with_coefficients_at_their_bounds_is_that_of_the_others():
-    for seed in range(20):
-        Phi, y, sd, bound = problem(seed)
-        found = solve(Phi.T @ Phi, Phi.T @ y, sd, bound)
-        held = np.abs(found.mean) == bound
-        at = Phi[:, held] @ found.mean[held]
-        fixed = y @ at - 0.5 * at @ at - 0.5 * np.sum((found.mean[held] / sd[held]) ** 2)
-        rest = density(y - at, Phi[:, ~held], sd[~held]) if not held.all() else 0.0
-        assert found.log_evidence == pytest.approx(rest + fixed, rel=1e-10, abs=1e-8)
-        assert not found.covariance[held].any()
-
-
-def test_runs_left_out_are_predicted_by_a_regression_on_the_others():
-    rng = np.random.default_rng(5)
-    Phi, y = rng.normal(size=(4, 15, 3)), rng.normal(size=(4, 15))
-    y += Phi @ [0.5, -1.0, 0.2]
-    sd, free = np.array([0.5, 1.0, 2.0]), np.full(3, np.inf)
-    A, b = np.einsum("rni,rnj->rij", Phi, Phi), np.einsum("rni,rn->ri", Phi, y)
-    found = leave_one_out(Normal(A, b, sd, free))
-    for r in range(4):
-        others = np.arange(4) != r
-        X, z = Phi[others].reshape(-1, 3), y[others].ravel()
-        spread = np.linalg.inv(X.T @ X + np.diag(sd**-2.0))
-        mean = spread @ X.T @ z
-        np.testing.assert_allclose(found.means[r], mean, atol=1e-9)
-        fall = y[r] @ y[r] - np.sum((y[r] - Phi[r] @ mean) ** 2)
-        assert found.fall[r] == pytest.approx(fall, abs=1e-8)
-        roots, turns = np.linalg.eigh(spread)
-        predicted = density(y[r], Phi[r] @ turns, np.sqrt(roots), turns.T @ mean)
-        assert found.log_density[r] == pytest.approx(predicted, abs=1e-8)
 
 
 def a_block(seed, name="law", run="a", n=25, rows=2, functions=("f", "g", "h"), kinds=(2, 2)):
@@ -329,118 +240,6 @@ def test_squares_that_rounding_takes_count_as_they_are():
     np.testing.assert_array_equal(found.chi2, campaign.chi2)
     assert found.in_sample == campaign.chi2.sum()
     assert replace(found, by_density=True).loss == pytest.approx(campaign.chi2.sum())
-
-
-def some_evidence(rng):
-    """Numbers of a campaign of no meaning: chi2 fall with effects and with pairs."""
-    count, gap = 1e4, 10.0 ** rng.uniform(-3.0, 1.0)
-    singles = sorted(count * (1.0 + gap * rng.uniform(0.02, 1.0, 3) ** 2))
-    pairs = [singles[0] - count * gap * u for u in sorted(rng.uniform(0.0, 0.02, 2))[::-1]]
-    left = {(): count * (1.0 + gap)}
-    left |= {(e,): x for e, x in zip("abc", singles, strict=True)}
-    left |= {("a", e): x for e, x in zip("bc", pairs, strict=True)}
-    candidates = []
-    for effects, chi2 in left.items():
-        other = {name: rng.uniform(0.0, 2.0) for name in ("in_sample", "size", "strain", "worst")}
-        known = {"effects": effects, "places": ("",) * len(effects), "chi2": chi2}
-        candidates.append(Candidate(**{**other, **known}))
-    remains = {"none": 0.9 * gap, "single": rng.uniform(0.0, 0.1) * gap, "pair": 0.0}
-    remains = {name: count * value for name, value in remains.items()}
-    return Evidence(count, tuple(candidates), remains, {})
-
-
-def test_a_second_effect_that_takes_little_is_believed_less():
-    """All else equal, with the weights of the package; little of what the pair takes in sample."""
-
-    def pair_given(second):
-        """Probability of a pair whose second effect takes a share of what the pair takes."""
-        rest = {"size": 1, "strain": 0.1, "worst": 1.01}
-        chi2 = {(): 3.0e5, ("a",): 1.05e5, ("a", "b"): 1.0e5}
-        in_sample = {(): 3.0e5, ("a",): 1.0e5 + 2.0e5 * second, ("a", "b"): 1.0e5}
-        candidates = [Candidate(e, ("",) * len(e), chi2[e], in_sample[e], **rest) for e in chi2]
-        remains = {"none": 2.0e5, "single": 2.0e3, "pair": 0.0}
-        given = chances(Evidence(1.0e5, tuple(candidates), remains, {}))
-        return sum(c.probability for c in given if c.effects == ("a", "b"))
-
-    shares = [pair_given(second) for second in (0.002, 0.02, 0.2)]
-    assert shares == sorted(shares)
-    assert shares[-1] > 2.0 * shares[0]
-
-
-def test_evidence_that_is_not_finite_gives_no_probabilities():
-    """A report with none of them would say nothing, and look like one."""
-    evidence = some_evidence(np.random.default_rng(0))
-    spoilt = replace(evidence.candidates[1], chi2=np.nan)
-    evidence = replace(evidence, candidates=(evidence.candidates[0], spoilt))
-    with pytest.raises(AnalysisError, match="evidence must be finite, got nan"):
-        chances(evidence)
-
-
-def drawn(rng, evidence, weights):
-    """A truth with the probabilities of some weights."""
-    every, table = numbers(evidence)
-    score = table @ weights
-    p = np.exp(score - score.max())
-    chosen = every[rng.choice(len(p), p=p / p.sum())]
-    return ("unknown",) if chosen is None else chosen.effects
-
-
-def told(given, truth):
-    """Logarithm of the probability of the truth."""
-    return np.log(sum(c.probability for c in given if c.effects == truth))
-
-
-def test_fitted_probabilities_come_true():
-    rng = np.random.default_rng(8)
-    true = rng.normal(size=len(NAMES))
-    true[0] = -1.0  # less left is more probable
-    practice = [some_evidence(rng) for _ in range(2400)]
-    weights = fit(practice, [drawn(rng, e, true) for e in practice], 1e-3)
-    said, came, lost = [], [], []
-    for _ in range(800):
-        evidence = some_evidence(rng)
-        truth = drawn(rng, evidence, true)
-        given = chances(evidence, weights)
-        assert sum(c.probability for c in given) == pytest.approx(1.0)
-        said += [c.probability for c in given]
-        came += [c.effects == truth for c in given]
-        lost.append(told(chances(evidence, true), truth) - told(given, truth))
-    assert np.mean(lost) < 0.02  # the truth tells hardly more
-    said, came = np.array(said), np.array(came)
-    edges = np.quantile(said, np.linspace(0.0, 1.0, 7))
-    for low, high in pairwise(edges):
-        of = (said >= low) & (said <= high)
-        spread = np.sqrt(np.mean(said[of] * (1.0 - said[of])) / of.sum())
-        assert abs(said[of].mean() - came[of].mean()) < 4.0 * spread + 0.01
-
-
-def test_a_truth_that_was_never_tried_teaches_nothing():
-    rng = np.random.default_rng(9)
-    evidence = [some_evidence(rng) for _ in range(5)]
-    assert not fit(evidence, [("z",)] * 5, 1.0).any()
-
-
-def test_a_pair_of_which_one_effect_was_tried_is_that_with_something_beside_it():
-    """Its probability comes true as the others do."""
-    rng = np.random.default_rng(10)
-    evidence = [some_evidence(rng) for _ in range(400)]
-    every, table = numbers(evidence[0])
-    assert [e.effects for e in every if not e.whole] == [(x, "unknown") for x in "abc"]
-    assert table.shape == (len(every), len(NAMES))
-    true = are_true(every, ("c", "z"))
-    assert [e.effects for e, on in zip(every, true, strict=True) if on] == [("c", "unknown")]
-    tried = are_true(every, ("b", "a"))
-    assert [e.effects for e, on in zip(every, tried, strict=True) if on] == [("a", "b")]
-    assert not are_true(every, ("y", "z")).any()
-    truths = [("a", "z") if i % 4 == 0 else ("a",) for i in range(len(evidence))]
-    weights = fit(evidence, truths, 1e-3)
-    beside = [told_of(chances(e, weights), ("a", "unknown")) for e in evidence]
-    assert np.mean(beside) == pytest.approx(0.25, abs=0.02)
-
-
-def told_of(given, effects):
-    """Probability of an explanation."""
-    return sum(c.probability for c in given if c.effects == effects)
 
 
 def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() -> None:
