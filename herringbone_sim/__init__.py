@@ -1,7 +1,7 @@
-"""Herringbone planetary gear dynamics: stream, steer, record, analyse, diagnose.
+"""Simulation of a herringbone planetary gear, analysis of its motions, diagnosis of a rig.
 
-``import herringbone_sim as hb`` offers the names of ``herringbone_sim.api``; each is loaded when
-it is first used, so the import itself costs nothing.
+``import herringbone_sim as hb`` offers the names in ``herringbone_sim.api.NAMES``. The module of
+a name is imported on first access, so that the import of the package itself takes no time.
 """
 
 from importlib import import_module

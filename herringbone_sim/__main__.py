@@ -1,4 +1,4 @@
-"""``python -m herringbone_sim``: one command, many verbs."""
+"""Entry point of ``python -m herringbone_sim VERB ...`` and of ``ros2 run``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
-# Matrices here are small: threads of a linear algebra library only wait for each other.
+# The matrices here are small: threads of the linear algebra library would only wait.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from herringbone_sim.cli.verbs import PROGRAM, VERBS, greeting, overview
@@ -24,9 +24,14 @@ HELP = {"-h", "--help"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code of the verb: 2 with one clear line when input or output can't be had.
+    """Run the verb that the arguments name and return the exit code.
 
-    Where whoever reads the output has gone, as ``head`` does, it ends quietly with 1.
+    A wrong argument, or input or output that can't be used, gives one line on stderr and 2;
+    Ctrl-C gives 130. If the reader of the output has closed it, as ``head`` does, the command ends
+    silently with 1.
+
+    Args:
+        argv: words after the name of the program; None for those of ``sys.argv``.
     """
     try:
         try:
@@ -44,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _forget_output() -> None:
-    """Let the interpreter, which flushes once more when it ends, write what is left to nowhere."""
+    """Redirect stdout to the null device, so that the interpreter's flush at exit can't fail."""
     if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.__stdout__.fileno())
@@ -55,7 +60,7 @@ def _run(argv: Sequence[str] | None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            # Names of files and texts in them need not be characters that a terminal has.
+            # File names and contents may have characters that the terminal can't encode.
             stream.reconfigure(errors="backslashreplace")
     count = 2 if " ".join(arguments[:2]) in VERBS else 1
     verb, words = " ".join(arguments[:count]), arguments[count:]
@@ -79,7 +84,10 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _without_verb(asked: str, words: Sequence[str]) -> int:
-    """Greet, list the verbs or tell the version, without importing any; 2 for what is none."""
+    """Print the greeting, the list of verbs or the version, without importing a verb.
+
+    Returns the exit code: 0, or for an unknown verb 2 after an error on stderr.
+    """
     begun = [verb for verb in VERBS if verb.startswith(f"{asked} ")] if asked else []
     if asked in ("", "--version", *HELP):
         print(VERSION if asked == "--version" else overview() if asked else greeting())
@@ -94,7 +102,10 @@ def _without_verb(asked: str, words: Sequence[str]) -> int:
 
 
 def split_ros(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Arguments of the command, and those of ROS: from ``--ros-args`` to ``--`` or the end."""
+    """Split arguments into those of the command and those of ROS.
+
+    Those of ROS go from ``--ros-args`` to ``--``, both included, or to the end.
+    """
     parts: tuple[list[str], list[str]] = [], []
     inside = False
     for word in arguments:
@@ -105,11 +116,11 @@ def split_ros(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def _warn_once() -> None:
-    """Say each warning once, in a line.
+    """Print each warning once, on one line of stderr, and suppress ``ParameterWarning``.
 
-    The filter "once" would not do: what it remembers is a module's, and is forgotten whenever any
-    library changes the filters. Whether such a gear can be built is not said at each command, but
-    where a file is made or checked: ``rig make`` and ``parameters --check`` ask for it.
+    The filter "once" is not enough: Python forgets the warnings shown before whenever a library
+    changes the filters. Whether such a gear could be built and assembled is reported only where a
+    file is made or checked, by ``rig make`` and ``parameters --check``.
     """
     said: set[str] = set()
 
@@ -124,7 +135,7 @@ def _warn_once() -> None:
 
 
 def executable() -> int:
-    """``ros2 run herringbone_sim NAME``: the verb that the executable is called after."""
+    """Run the verb that an executable of ``ros2 run`` is named after; return its exit code."""
     name = Path(sys.argv[0]).name
     return main([EXECUTABLES.get(name, name), *sys.argv[1:]])
 

@@ -1,4 +1,4 @@
-"""Types of arrays, as annotations name them, and their root mean square."""
+"""Type aliases of NumPy arrays for annotations, and the root mean square."""
 
 from typing import TypeAlias
 
@@ -11,5 +11,5 @@ Indices: TypeAlias = NDArray[np.int64]
 
 
 def rms(values: Array) -> float:
-    """Root mean square of all values; NaN of none."""
+    """Return the root mean square of all values of an array; NaN if it is empty."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")

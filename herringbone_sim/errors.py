@@ -1,42 +1,45 @@
-"""The errors of this package: what is wrong, by which rule, the value got, what to do."""
+"""Exceptions, and texts of values for their messages.
+
+A message says what is wrong, by which rule, which value was received, and what to do.
+"""
 
 from __future__ import annotations
 
 import reprlib
 from collections.abc import Collection
 
-# About what fits into a line beside the words of a message.
+# Characters of one value in a message: it fits into a line beside the words.
 _WIDTH = 120
-# The channels of a gear with three planets fit in.
+# Characters of a list of names; the channels of a gear with three planets fit in.
 _NAMES_WIDTH = 4 * _WIDTH
 
 
 class HerringboneError(Exception):
-    """Base of every error that a user of this package can provoke."""
+    """Base class of all exceptions that a user's input or data can cause."""
 
 
 class ParameterError(HerringboneError, ValueError):
-    """A parameter, or a set of them, that no gear or no integrator can have."""
+    """Invalid value, or invalid combination, of parameters of a gear or of an integrator."""
 
 
 class RecordingError(HerringboneError, OSError):
-    """A recording that can't be written, read or recovered."""
+    """A recording can't be written, read or recovered."""
 
 
 class RecordingLostError(RecordingError):
-    """A file of a recording that no longer is what was written, while the recording runs."""
+    """A file of a recording was removed or changed from outside during the recording."""
 
 
 class AnalysisError(HerringboneError, ValueError):
-    """Data from which the wanted result can't be had."""
+    """The given data or options do not allow the requested result."""
 
 
 class DivergenceError(HerringboneError, ArithmeticError):
-    """An integration that left the range of any physical motion."""
+    """The integrated motion left the range of any physical motion."""
 
 
 class _Short(reprlib.Repr):
-    """Looks at the first few parts of a value alone, however large it is."""
+    """``repr`` of the first few items and characters of a value, fast however large it is."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,16 +60,16 @@ _SHORT = _Short()
 
 
 def shown(value: object) -> str:
-    """A value as it stands in a message: its ``repr`` in a line, cut where it is long.
+    """Return the ``repr`` of a value for a message, in one line, cut at 120 characters.
 
-    Takes no longer and no more memory for a large value, or one that holds itself many times.
+    Time and memory do not grow with the size of the value; it may contain itself.
     """
     text = _SHORT.repr(value)
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."
 
 
 def listed(names: Collection[object]) -> str:
-    """Names from outside in a line of a message: the first of them, and how many there are."""
+    """Join names with commas for a message; from about 480 characters on, count the rest."""
     first, room = list[str](), _NAMES_WIDTH
     for name in names:
         text = str(name)

@@ -1,4 +1,4 @@
-"""Integrate a recorded run again, from what it recorded, and compare bit for bit."""
+"""Integrate a recorded run again from its parameters and start state; compare bit for bit."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ CHUNK = 65536
 
 @dataclass(frozen=True)
 class Verdict:
-    """Comparison of a recording with its repetition.
+    """Result of comparing a recorded run with its repetition.
 
     Attributes:
-        samples: samples compared.
-        changes: parameter changes applied on the way.
-        first_difference: sample at which the first bit differs, -1 when none does.
-        largest_difference: largest absolute difference over all channels, SI.
+        samples: number of samples compared.
+        changes: number of recorded parameter changes applied during the repetition.
+        first_difference: index of the first sample in which a bit differs; -1 if all agree.
+        largest_difference: largest absolute difference over all channels, each in its SI unit.
     """
 
     samples: int
@@ -45,10 +45,13 @@ class Verdict:
 
 
 def verify(recording: Recording) -> Verdict:
-    """Repeat a run from its parameters, initial state and changes; compare every bit.
+    """Integrate a recorded run again and compare each sample with the recording bit for bit.
+
+    If the repetition diverges, only the samples up to that point are compared.
 
     Raises:
-        RecordingError: it is not a run of this simulator, or lacks what a repetition needs.
+        RecordingError: the run is not one of this simulator, its parameters or start state are
+            missing or do not fit its samples, or its changes are out of order.
     """
     first, largest, at, changes = -1, 0.0, 0, 0
     for rows, made in repeat(recording):
@@ -65,7 +68,15 @@ def verify(recording: Recording) -> Verdict:
 
 
 def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
-    """Blocks of the repeated run, and how many changes were applied at the start of each."""
+    """Integrate a recorded run again; yield its samples block by block, until it diverges.
+
+    Yields:
+        Samples (n, c) of all recorded channels as the sensors show them, n <= ``CHUNK``; and the
+        number of recorded changes that were applied just before the first of them.
+
+    Raises:
+        RecordingError: as ``verify``.
+    """
     state, parameters, actives, clock = _start(recording)
     model = build(parameters)
     machine = stepper(model, actives)
@@ -119,7 +130,10 @@ def _start(recording: Recording) -> tuple[State, Parameters, tuple[Active, ...],
 
 
 def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:
-    """Sample number and values of each change, after an empty one at sample 0."""
+    """Return (first sample, new values) of each live change, preceded by ``(0, {})``.
+
+    Changes after the last sample are left out; RecordingError if they are out of order.
+    """
     times = recording.samples.times
     cuts: list[tuple[int, dict[str, Any]]] = [(0, {})]
     for made in recording.changes:

@@ -1,3 +1,3 @@
-"""The version, for the package and for what it records."""
+"""Version of the package, which recordings and caches store too."""
 
 VERSION = "0.1.0"

@@ -45,9 +45,7 @@ class BifurcationDiagram:
 
     @property
     def falling(self) -> Flags:
-        """Whether (n,) each value was reached from a larger one: the downward branch of a
-        hysteresis.
-        """
+        """(n,) whether each value was reached from a larger one, as on a downward branch."""
         falling = np.zeros(len(self.values), dtype=bool)
         for i in range(1, len(self.values)):
             step = self.values[i] - self.values[i - 1]
@@ -58,13 +56,14 @@ class BifurcationDiagram:
 def bifurcation_diagram(
     results: Sequence[SegmentResult], mesh: str | None = None, least_values: int = 3
 ) -> BifurcationDiagram:
-    """Diagram over the parameter with the most values, from segments with equal other parameters.
+    """Bifurcation diagram over the parameter with the most values, from analysed segments.
 
-    Where the other parameters differ too, the segments with their most frequent values are used.
+    The other parameters must be equal; where they differ, the segments with their most frequent
+    combination are used.
 
     Args:
         results: segments of one run, or of several.
-        mesh: the mesh whose displacement is taken; the first one by default.
+        mesh: the mesh whose displacement is shown; the first by default.
         least_values: smallest number of different values.
 
     Raises:
@@ -90,7 +89,7 @@ def bifurcation_diagram(
 
 
 def _points(result: SegmentResult, mesh: str) -> Array:
-    """Up to 400 section displacements of a segment; all successive ones if it is periodic."""
+    """Up to 400 section displacements [m] of a segment, successive if it is periodic."""
     x = result.section.x[:, result.motion.meshes.index(mesh)]
     stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
     points: Array = x[-MAX_POINTS * stride :: stride].copy()
@@ -129,7 +128,7 @@ def _one_parameter(
 
 
 def _list(counts: dict[str, int]) -> str:
-    """Number of values of each parameter that differs, as text."""
+    """Text with the number of values of each parameter that has more than one."""
     many = [f"{name}: {count} values" for name, count in counts.items() if count > 1]
     return ", ".join(many) or "no parameter that differs"
 

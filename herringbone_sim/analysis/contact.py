@@ -1,4 +1,4 @@
-"""Shares of time that a mesh spends in drive contact, separated and in back contact."""
+"""Fractions of time that a mesh spends in drive contact, separated and in back contact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from herringbone_sim.analysis.motion import Motion
 
 @dataclass(frozen=True)
 class ContactShares:
-    """Shares of time of one mesh; their sum is 1, or all are NaN if the backlash is unknown.
+    """Fractions of time of one mesh; their sum is 1, or all are NaN if the backlash is unknown.
 
     Attributes:
         mesh: name such as ``sp_L``.
@@ -30,7 +30,7 @@ class ContactShares:
 def contact_shares(
     motion: Motion, half_backlash_m: Mapping[str, float] | None
 ) -> tuple[ContactShares, ...]:
-    """Contact shares of every mesh from its displacement and half-backlash (Eqs. 1, 3).
+    """Fractions of time in each contact of every mesh, from its displacement (Eqs. 1, 3).
 
     The mesh force can't be used: its damping part c v acts in separation too.
 
@@ -46,7 +46,7 @@ def contact_shares(
 
 
 def _shares(motion: Motion, column: int, half_backlash: float) -> ContactShares:
-    """Contact shares of the mesh in one column of the motion."""
+    """Fractions of time in each contact of the mesh in one column of the motion."""
     x, mesh = motion.x[:, column], motion.meshes[column]
     if not np.isfinite(half_backlash):
         return ContactShares(mesh, float("nan"), float("nan"), float("nan"))

@@ -1,6 +1,4 @@
-"""Scales, backlash and Lyapunov exponent of the nominal gear, from recorded or given
-parameters.
-"""
+"""Data of the nominal gear for the analysis of a run: scales, backlash, Lyapunov exponent."""
 
 from __future__ import annotations
 
@@ -30,13 +28,13 @@ Sets = Sequence[tuple[Active, ...]]
 
 
 def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),)) -> Gear:
-    """Gear data of a parameter set; an empty set gives an unknown gear.
+    """Gear data of a parameter set for the analysis of a run; an empty set gives an unknown gear.
 
     Args:
         parameters: by name; unknown names are ignored.
         with_model: whether to compute the largest Lyapunov exponent of the model too.
-        sets: effects that were active one after the other; ``effects`` of an operating point is
-            the index of a set.
+        sets: sets of effects during the run; ``effects`` of an operating point is the index of
+            a set.
 
     Raises:
         ParameterError: no gear can have the parameters.
@@ -45,7 +43,7 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),))
     if not known:
         return Gear()
     with warnings.catch_warnings():
-        # The run exists, so warnings about an implausible gear do not help here.
+        # The gear exists, so warnings that it is implausible do not help.
         warnings.simplefilter("ignore", ParameterWarning)
         p = from_mapping(known)
         model = build(p)
@@ -62,7 +60,7 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),))
 
 
 def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
-    """Model at an operating point of the analysis: its parameters and its mesh frequency."""
+    """Model without effects at an operating point: with its parameters and mesh frequency."""
     values = {name: point[name] for name in FROM_POINT if np.isfinite(point.get(name, np.nan))}
     model = build(p.changed(values))
     Omega = 2 * np.pi * point[FREQUENCY] / model.scales.omega_n
@@ -70,7 +68,7 @@ def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
 
 
 def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:
-    """b' of ``sp`` and ``rp`` in m at an operating point; None if no gear can have it."""
+    """b' [m] of ``sp`` and ``rp`` meshes at an operating point; None if no gear can have it."""
     try:
         half = model_at(p, point).half_backlash_m
     except ParameterError:
@@ -81,11 +79,11 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
 def _exponent(
     p: Parameters, sets: Sets, point: Mapping[str, float], section: Section
 ) -> tuple[float, float]:
-    """Largest exponent per tau and its standard error over the recorded segment; NaN if it fails.
+    """Largest exponent per tau of the model and its standard error; NaN if it fails.
 
-    The model starts from the first recorded state and runs for as many cycles as the segment, so
-    that of several coexisting motions the recorded one is measured, and a chaotic transient while
-    it lasts.
+    The model starts from the first recorded state and is integrated for as many cycles as the
+    segment has (100 to 600), so that of several coexisting motions the recorded motion is
+    measured, and a chaotic transient while it lasts.
     """
     try:
         model = model_at(p, point)
@@ -93,7 +91,7 @@ def _exponent(
         cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
         gear_stepper = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
         start = gear_stepper.start()
-        y = np.concatenate([y, start.y[len(y) :]])  # further states of effects start at rest
+        y = np.concatenate([y, start.y[len(y) :]])  # states added by effects start at rest
         start = replace(start, y=y, cycle=int(section.cycles[0]))
         return largest_exponent(gear_stepper.model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):
@@ -101,9 +99,7 @@ def _exponent(
 
 
 def _recorded_state(model: Model, section: Section) -> Any:
-    """First section point as a state of the model; the initial state if the recorded meshes
-    differ.
-    """
+    """First section point as a state of the model; its initial state for other meshes or phase."""
     if section.meshes != model.layout.meshes or section.phase != 0.0:
         return initial_state(model)
     scales = model.scales

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.arrays import Array
 
-# Steps of the orbit used, at most and at least; steps left out while the vector aligns.
+# Steps of the orbit used, at most and at least; first steps ignored while the vector aligns.
 MAX_STEPS = 6000
 MIN_STEPS = 80
 SKIP = 20
-CUT = 1e-3  # smallest singular value used, as a share of the largest
+CUT = 1e-3  # smallest singular value used, as a fraction of the largest
 NOISE_CUT = 3.0  # smallest singular value used, as a multiple of the noise
 REACH = 10.0  # smallest spread of the neighbours, as a multiple of the noise
 MAX_NOISY = 3000  # candidates for neighbours when there is noise
@@ -26,7 +26,7 @@ LONGEST = 64  # longest period in cycles that is looked for before maps are fitt
 
 @dataclass(frozen=True)
 class Exponent:
-    """Largest Lyapunov exponent.
+    """Largest Lyapunov exponent estimated from data.
 
     Attributes:
         value: per step of the points (per mesh cycle for a section); NaN with a ``reason``.
@@ -53,7 +53,7 @@ def no_exponent(reason: str) -> Exponent:
 
 
 def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0) -> Exponent:
-    """Mean logarithmic growth of a tangent vector under locally fitted linear maps.
+    """Estimate the largest Lyapunov exponent: growth of a tangent vector under fitted linear maps.
 
     After Sano and Sawada (1985) and Eckmann et al. (1986): the Jacobian at a point is estimated as
     the linear map from the differences to its nearest neighbours to the same differences one step
@@ -65,6 +65,9 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
         points: (m, k) successive states, coordinates in comparable units.
         rng: draws the bootstrap resamples of the interval.
         noise: RMS of the measurement noise per coordinate, in the units of ``points``.
+
+    Returns:
+        The exponent per step; NaN with the reason if the points do not suffice or are periodic.
     """
     if len(points) < MIN_STEPS + SKIP:
         return no_exponent(f"{len(points)} cycles are too few, {MIN_STEPS + SKIP} are needed")
@@ -90,9 +93,7 @@ def largest_exponent(points: Array, rng: np.random.Generator, noise: float = 0.0
 
 
 def _extended_directions(points: Array, noise: float) -> Array:
-    """Coordinates (m, d) along the principal directions whose spread exceeds rounding and
-    noise.
-    """
+    """Coordinates (m, d) along principal directions whose spread exceeds rounding and noise."""
     centred = points - points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(centred[:MAX_STEPS], full_matrices=False)
     spread = sizes / np.sqrt(min(len(points), MAX_STEPS))
@@ -102,11 +103,10 @@ def _extended_directions(points: Array, noise: float) -> Array:
 
 
 def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
-    """Linear maps (n, d, d), each fitted from neighbours to their images one step later, and
-    reach.
+    """Fit linear maps (n, d, d) from neighbours to their images one step later; also the reach.
 
-    Uses 2 d neighbours; with noise as many as are needed for them to reach 10 times beyond it.
-    Returns None if there are too few points for that.
+    Each fit uses 2 d neighbours; with noise as many as needed for their spread to exceed the noise
+    tenfold. None if there are too few points for that. See ``Exponent.reach``.
     """
     n, d = min(len(points) - 1, MAX_STEPS), points.shape[1]
     stride = 1 if noise == 0 else -(-(len(points) - 1) // MAX_NOISY)
@@ -131,7 +131,7 @@ def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
 
 
 def _growth(points: Array, maps: Array) -> Array:
-    """Log growth (n,) of one tangent vector under the maps; NaN if it vanishes."""
+    """Log growth (n,) of one tangent vector under maps (n, d, d); NaN if it vanishes."""
     vector = np.ones(points.shape[1])
     growth = np.empty(len(maps))
     for step, one in enumerate(maps):
@@ -145,8 +145,8 @@ def _growth(points: Array, maps: Array) -> Array:
 
 
 def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exponent:
+    """Exponent with its 90 % interval, by a bootstrap of blocks of the log growth (n,)."""
     # Blocks, because successive growth values are correlated.
-    """Exponent with its 90 % interval by a block bootstrap."""
     edges = np.linspace(0, len(growth), BLOCKS + 1).astype(int)
     sums, lengths = np.add.reduceat(growth, edges[:-1]), np.diff(edges)
     draws = rng.integers(0, BLOCKS, (RESAMPLES, BLOCKS))

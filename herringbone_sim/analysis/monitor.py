@@ -1,4 +1,4 @@
-"""Current motion of a running simulation: period, running largest exponent, contact shares."""
+"""Current motion of a live simulation: period, largest exponent, contact, block by block."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.core.integrate import Block
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 
-WINDOW = 96  # section points kept
+WINDOW = 96  # latest section points, in which a period is looked for
 LEAST = 48  # section points needed for a label
 EXPONENT_WINDOW = 400  # mesh cycles
 TOLERANCE = 1e-4  # of find_period; samples of a simulation have no noise
@@ -25,10 +25,11 @@ class Regime:
 
     Attributes:
         label: ``P1``, ``P2``, ...; ``chaotic``; ``aperiodic`` if no period is found and the
-            exponent is not positive (yet); ``settling`` if there are too few cycles.
-        exponent: running largest Lyapunov exponent per dimensionless time; NaN while settling.
-        contact: (n_mesh, 3) shares of time in back contact, separated, in drive contact.
-        cycles: mesh cycles since the last parameter change.
+            exponent is not positive, or less than 400 cycles old; ``settling`` if there are too
+            few cycles.
+        exponent: largest Lyapunov exponent per tau over the last 400 cycles; NaN at first.
+        contact: (n_mesh, 3) fraction of the time in back contact, separated, in drive contact.
+        cycles: mesh cycles since the last restart.
     """
 
     label: str
@@ -38,9 +39,7 @@ class Regime:
 
 
 class RegimeMonitor:
-    """Running classification of the motion, block by block; restarted at every parameter
-    change.
-    """
+    """Classifies the motion of a live simulation; restart it when a parameter changes."""
 
     def __init__(self) -> None:
         self.restart()
@@ -53,7 +52,7 @@ class RegimeMonitor:
         self._cycles = 0
 
     def update(self, block: Block, model: Model) -> None:
-        """Add a block that was computed with the given model."""
+        """Add a block of samples with a tangent vector, computed with the given model."""
         n, s = model.layout.n_mesh, model.scales
         points = block.rows[block.section, 5 : 5 + 2 * n]
         unit = np.repeat([s.b_c, s.velocity_m_per_s], n)
@@ -86,7 +85,7 @@ class RegimeMonitor:
         return "chaotic" if exponent > 0.0 and self._cycles >= EXPONENT_WINDOW else "aperiodic"
 
     def _shares(self) -> Array:
-        """Contact shares (n_mesh, 3) over the last blocks."""
+        """(n_mesh, 3) fraction of samples in each contact over the last 16 blocks."""
         counts = np.sum(np.array(self._contact), axis=0) if self._contact else np.zeros((1, 3))
         shares: Array = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
         return shares

@@ -23,7 +23,7 @@ class Motion:
         x: (n, k) relative displacements, m.
         v: (n, k) relative velocities, m/s.
         meshes: k names such as ``sp_L``.
-        notes: sentences on channels left out and velocities derived from displacements.
+        notes: sentences on channels not used and velocities derived from displacements.
     """
 
     times: Array
@@ -48,7 +48,7 @@ class Motion:
 
     @property
     def frequency_hz(self) -> float:
-        """Mean mesh frequency."""
+        """Mean mesh frequency [Hz]."""
         return self.cycles / float(self.times[-1] - self.times[0])
 
     def rows(self, start: int, stop: int) -> Motion:
@@ -62,8 +62,8 @@ class Motion:
 def motion_of(series: TimeSeries) -> Motion:
     """Extract phase, displacements and velocities of all meshes with a finite ``x`` channel.
 
-    A mesh without a ``v`` channel gets its velocity by central differences. A displacement that
-    contains NaN or infinity is left out, with a note.
+    A mesh without a finite ``v`` channel gets its velocity by central differences. A displacement
+    that contains NaN or infinity is not used. Notes of the motion tell both.
 
     Raises:
         AnalysisError: fewer than 32 samples, no usable phase, or no usable ``x`` channel.
@@ -85,7 +85,7 @@ def motion_of(series: TimeSeries) -> Motion:
 
 
 def with_phase(series: TimeSeries, frequency_hz: float) -> TimeSeries:
-    """Time series with a phase channel added that rises at a constant mesh frequency from 0."""
+    """Add a phase channel that rises from 0 at a constant mesh frequency to a time series."""
     phase = 2 * np.pi * frequency_hz * (series.times - series.times[0])
     return TimeSeries(
         series.times, np.column_stack((series.data, phase)), (*series.names, "phase")
@@ -142,7 +142,7 @@ def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Arra
 def _notes(
     meshes: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
 ) -> tuple[str, ...]:
-    """Sentences on displacements left out and velocities derived from displacements."""
+    """Sentences on displacements that are not used and velocities derived by differences."""
     broken = [f"x_{mesh}" for mesh in meshes if mesh not in whole]
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []

@@ -13,11 +13,11 @@ WINDOWS = 12
 
 
 def white_noise_rms(data: Array) -> Array:
-    """RMS (k,) of the white noise in evenly sampled channels (n, k), an upper estimate.
+    """Estimate the RMS (k,) of the white noise in evenly sampled channels (n, k), from above.
 
-    Estimated from the median power in the highest fifth of the band; a median is not affected by
-    the spectral lines of a periodic motion. Broad-band motion at these frequencies counts as
-    noise, so the estimate is an upper one. NaN for fewer than 64 samples.
+    From the median power in the highest fifth of the band; a median is not affected by the
+    spectral lines of a periodic motion. Broad-band motion at these frequencies counts as noise, so
+    the estimate is an upper bound. NaN for fewer than 64 samples.
     """
     n = len(data)
     if n < 64:
@@ -31,10 +31,10 @@ def white_noise_rms(data: Array) -> Array:
 
 
 def noise_floor(data: Array) -> Array:
-    """Lower quartile (k,) of the white noise RMS over 12 windows of 4096 samples of a run (n, k).
+    """Estimate the RMS (k,) of the stationary white noise of channels (n, k).
 
-    Measurement noise is stationary, so it is present in the quietest windows too; broad-band
-    motion and steps are not.
+    The lower quartile of ``white_noise_rms`` over 12 windows of 4096 samples: measurement noise is
+    present in the quietest windows too; broad-band motion and steps are not.
     """
     starts = np.linspace(0, max(len(data) - WINDOW, 0), WINDOWS).astype(int)
     stretches = [white_noise_rms(data[start : start + WINDOW]) for start in np.unique(starts)]

@@ -1,4 +1,4 @@
-"""Period of a motion in mesh cycles, from its stroboscopic section."""
+"""Period of a motion in mesh cycles, found in its stroboscopic section."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_PERIOD = 16
 TOLERANCE = 1e-3  # largest RMS distance of repeats, in units of the scale of the motion
 NOISE_MARGIN = 1.15  # largest RMS distance of repeats, as a multiple of the noise
 MIN_REPEATS = 5
-GROWTH = 3.0  # factor from the first third to the last by which repeats may part
+GROWTH = 3.0  # largest growth of the distance of repeats from the first third to the last
 LEAST_LARGEST = 8  # periods to have tried before a motion is called aperiodic
 
 
@@ -26,7 +26,7 @@ class Period:
             per coordinate, in units of the scale; for an aperiodic motion the smallest of all
             periods tried.
         threshold: largest residual of a periodic motion.
-        reason: why there is no period, or why it is 0, in words.
+        reason: why ``value`` is 0 or None, in words; else empty.
     """
 
     value: int | None
@@ -36,14 +36,14 @@ class Period:
 
     @property
     def label(self) -> str:
-        """``P3``, ``aperiodic`` or ``-``."""
+        """Text of the period: ``P3``, ``aperiodic`` (0) or ``-`` (None)."""
         return "-" if self.value is None else f"P{self.value}" if self.value else "aperiodic"
 
 
 def find_period(
     points: Array, noise: float = 0.0, max_period: int = MAX_PERIOD, tolerance: float = TOLERANCE
 ) -> Period:
-    """Smallest p for which every p-th section point is the same over the whole window.
+    """Find the smallest p for which every p-th section point is the same over the whole window.
 
     The points n, n + p, n + 2p, ... must all lie near one centre: slow drift and slow chaos differ
     little from point to point, but do over the window. The distance between repeats must not grow
@@ -75,16 +75,14 @@ def find_period(
 
 
 def spread_of_repeats(points: Array, period: int) -> float:
-    """RMS distance per coordinate of the points (m, k) from the centres of the groups n mod
-    period.
-    """
+    """RMS distance per coordinate of points (m, k) from the centres of every ``period``-th."""
     groups = (points[first::period] for first in range(period))
     squares = sum(float(np.sum((group - group.mean(0)) ** 2)) for group in groups)
     return float(np.sqrt(squares / ((len(points) - period) * points.shape[1])))
 
 
 def _grows(points: Array, period: int, noise: float) -> bool:
-    """Whether the distance between repeats is larger in the last third than in the first."""
+    """Whether the distance of repeats grows more than ``GROWTH`` times, first to last third."""
     returns = np.sqrt(np.mean((points[period:] - points[:-period]) ** 2, axis=1))
     third = max(len(returns) // 3, 1)
     early, late = float(np.median(returns[:third])), float(np.median(returns[-third:]))

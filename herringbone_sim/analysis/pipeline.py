@@ -1,4 +1,4 @@
-"""Analysis of a run: one result per segment with section, period, exponent, spectrum, contact.
+"""Analysis of a run: a result per segment with section, period, exponent, spectrum, contact.
 
 Over 300 lines: all steps of ``analyze_segment`` stand in their order.
 """
@@ -29,21 +29,21 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 
 MIN_CYCLES = 6
-RESOLVED_NOISE = 4e-3  # share of the RMS below which estimated noise counts as none
-WIDE_REACH = 0.12  # Exponent.reach from which a note says that the exponent reads low
+RESOLVED_NOISE = 4e-3  # of the RMS; smaller estimated noise counts as none
+WIDE_REACH = 0.12  # Exponent.reach above which a note says that the exponent is too low
 
 
 @dataclass(frozen=True)
 class Options:
-    """Choices of the user.
+    """Options of the user for the analysis of a run.
 
     Attributes:
         transient_cycles: cycles dropped at the start of each segment; None = detected.
-        noise_share: RMS of the measurement noise as a share of the RMS of each channel; None =
+        noise_share: RMS of the measurement noise as a fraction of the RMS of each channel; None =
             estimated from the top of the spectrum.
         max_period: largest period looked for, mesh cycles.
         phase: phase of the stroboscopic section, rad.
-        seed: of the resampling behind the intervals.
+        seed: of the bootstrap of the exponent's interval.
     """
 
     transient_cycles: int | None = None
@@ -60,7 +60,7 @@ class Gear:
     Attributes:
         b_c_m: displacement scale, m; None if unknown.
         omega_n: natural frequency, rad/s; None if unknown.
-        base: parameters in force from the start that are no channel (xi, control_phase).
+        base: parameters at the start of the run, by name; used where they have no channel.
         half_backlash_m: maps an operating point to b' of ``sp`` and ``rp`` in m.
         model_exponent: maps an operating point and a section (whose first point is the initial
             state) to the largest exponent of the model per tau and its standard error.
@@ -81,8 +81,8 @@ class SegmentResult:
         number: 1, 2, ... within the run.
         span_s: times of its first and last sample.
         segment: rows, operating point, length.
-        motion: its samples, transients dropped.
-        section: its stroboscopic points, transients dropped.
+        motion: its samples without the transient.
+        section: its stroboscopic points without the transient.
         dropped_cycles: cycles dropped as transient.
         noise: RMS noise of the section points over all coordinates, in units of the scale of the
             motion.
@@ -94,9 +94,10 @@ class SegmentResult:
         spectrum: of the displacements; None if there are too few cycles.
         lines: its amplitudes [m] at the mesh orders h / n of all meshes, n the period (1 if there
             is none).
-        off_lines: (k,) share of the power of each mesh off these lines; empty without a spectrum.
+        off_lines: (k,) fraction of the spectral power of each mesh off these lines; empty without
+            a spectrum.
         half_backlash_m: b' of ``sp`` and ``rp`` in m; None if unknown.
-        contact: contact shares of every mesh.
+        contact: fractions of time in each contact, of every mesh.
         cycles_per_tau: Omega / 2 pi, NaN if omega_n is unknown.
         notes: sentences on how far the results can be trusted.
     """
@@ -137,9 +138,9 @@ def analyze_series(
 
     Args:
         series: the run, channels as in ``core.layout``; ``phase`` and one ``x`` are required.
-        changes: (time in s, new values) of parameters that are no channel.
-        options: choices of the user.
-        gear: data of the gear.
+        changes: (time in s, new values) of parameters that have no channel.
+        options: of the user.
+        gear: data of the gear; without it, backlash and exponent of the model are unknown.
         progress: called with (segments done, number of segments).
 
     Raises:
@@ -164,8 +165,15 @@ def analyze_segment(
     options: Options,
     gear: Gear,
 ) -> SegmentResult:
-    """Analyse one segment of a run; a result that can't be computed is NaN or None with its
-    reason.
+    """Analyse one segment of a run; a result that can't be computed is NaN or None.
+
+    Args:
+        motion: of the whole run.
+        segment: rows and operating point.
+        number: of the segment within the run.
+        sample_noise: RMS noise of the samples, see ``sample_noise``.
+        options: see ``Options``.
+        gear: see ``Gear``.
     """
     whole = motion.rows(segment.start, segment.stop)
     scales = _scales(whole)
@@ -202,7 +210,7 @@ def analyze_segment(
 
 
 def _scales(motion: Motion) -> tuple[float, float]:
-    """Common scale of all displacements and of all velocities: root of the mean variance."""
+    """Scale of all displacements [m] and of all velocities [m/s]: root of the mean variance."""
     return _scale(motion.x), _scale(motion.v)
 
 
@@ -213,11 +221,14 @@ def _scale(data: Array) -> float:
 
 
 def sample_noise(motion: Motion, share: float | None) -> tuple[Array, Array]:
-    """RMS noise of the samples, (k,) in m and (k,) in m/s: a share of each RMS, or estimated."""
+    """RMS noise of the samples, (k,) in m and (k,) in m/s.
+
+    A given fraction ``share`` of the RMS of each channel; estimated if it is None.
+    """
     if share is not None:
         return share * _rms(motion.x), share * _rms(motion.v)
     x, v = noise_floor(motion.x), noise_floor(motion.v)
-    # Impacts of a noise-free motion fill the top of the band too: below this it is no noise.
+    # Impacts of a noise-free motion also have power at the top of the band.
     weak = not np.nanmax(np.append(x / _rms(motion.x), v / _rms(motion.v))) > RESOLVED_NOISE
     return (np.zeros_like(x), np.zeros_like(v)) if weak else (x, v)
 
@@ -230,7 +241,7 @@ def _rms(data: Array) -> Array:
 def _noise(
     motion: Motion, samples: tuple[Array, Array], scales: tuple[float, float], phase: float
 ) -> float:
-    """RMS noise per coordinate of the section points, in units of the scales."""
+    """RMS noise of the section points over all coordinates, in units of the scales."""
     rms = section_noise(motion, samples, phase) / np.repeat(scales, len(samples[0]))
     return float(np.sqrt(np.mean(rms**2)))
 
@@ -241,14 +252,14 @@ def _points(section: Section, scales: tuple[float, float]) -> Array:
 
 
 def _dropped(points: Array, segment: Segment, options: Options) -> tuple[int, bool]:
-    """Section points to drop as transient, and whether the motion settled by half of them."""
+    """Number of section points of the transient, and whether the motion settled by half-time."""
     if options.transient_cycles is not None:
         return min(options.transient_cycles, max(len(points) - 1, 0)), True
     return (0, True) if segment.ramp else settling_cycles(points)
 
 
 def _after(motion: Motion, section: Section, dropped: int) -> Motion:
-    """Samples from the section point number ``dropped`` on; all if that is out of range."""
+    """Motion from the time of the section point number ``dropped`` on; all if out of range."""
     if not dropped or dropped >= len(section):
         return motion
     return motion.rows(int(np.searchsorted(motion.times, section.times[dropped])), len(motion))

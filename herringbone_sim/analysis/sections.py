@@ -15,7 +15,7 @@ SNAP = 1e-6  # cycles: a sample this close to the phase is the section point
 
 @dataclass(frozen=True)
 class Section:
-    """States at one mesh phase, one a cycle.
+    """States at one mesh phase, one per cycle.
 
     Attributes:
         cycles: (m,) number of the cycle, counted by the phase channel.
@@ -51,9 +51,9 @@ class Section:
 def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
     """Interpolate the state (x, v) at every passage of ``phase`` [rad], modulo 2 pi.
 
-    A sample within 1e-6 cycles of the phase is taken as it is. Between two samples x is the cubic
-    Hermite polynomial with the slopes v, and v the one with its central differences as slopes. The
-    phase may start anywhere. A single sample gives an empty section.
+    A sample within 1e-6 cycles of the phase is used as it is. Between two samples x is the cubic
+    Hermite polynomial with the slopes v, and v the cubic with its central differences as slopes.
+    The motion may begin at any phase. A single sample gives an empty section.
     """
     if len(motion) < 2:
         none = np.zeros(0, dtype=np.int64)
@@ -78,8 +78,8 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
 def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0) -> Array:
     """RMS noise (2 k,) of section points, x [m] then v [m/s], from that of the samples.
 
-    Interpolation averages neighbours, which removes up to a third of the noise. It is that of
-    the first point, which stands for all.
+    Interpolation averages neighbours, which removes up to a third of the noise. The noise of the
+    first section point is returned for all.
 
     Args:
         motion: whose times and phases are used.
@@ -105,9 +105,14 @@ def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0
 def _shares(
     turns: Array, cycles: Indices, left: NDArray[np.intp], right: NDArray[np.intp]
 ) -> Array:
-    """Relative position (m,) of each passage between its neighbours, 0 = left, 1 = right.
+    """Position (m,) of each passage between its neighbouring samples, 0 = left, 1 = right.
 
     Positions within ``SNAP`` cycles of a sample are set to 0 or 1.
+
+    Args:
+        turns: (n,) phase of the samples in cycles, relative to that of the section.
+        cycles: (m,) whole numbers at which the passages lie.
+        left, right: (m,) indices of the samples around each passage.
     """
     share: Array = (cycles - turns[left]) / (turns[right] - turns[left])
     share = np.where(np.abs(turns[left] - cycles) < SNAP, 0.0, share)

@@ -22,10 +22,10 @@ EVENTS = (
     "control_phase",
     "effects",
     *COLUMNS,
-)  # changes of anything else are no change of the gear
+)  # a change of another parameter makes no cut
 FREQUENCY = "mesh_frequency_hz"
 MIN_RAMP = 8  # changes in one direction
-MIN_DWELL_CYCLES = 8.0  # a value held for less is part of a ramp
+MIN_DWELL_CYCLES = 8.0  # a value that lasts for less is part of a ramp
 BIN_CYCLES = 40.0
 MAX_BINS = 240
 
@@ -36,10 +36,10 @@ class Segment:
 
     Attributes:
         start, stop: first row, and the row after the last.
-        point: parameters in force, and the measured mesh frequency in Hz.
+        point: mean of each parameter, and the measured mesh frequency in Hz, by name.
         cycles: length in mesh cycles.
         ramp: parameter that changes continuously within the segment, or "".
-        ramp_ends: its value in the first and in the last row.
+        ramp_ends: its value in the first and in the last row; NaN without a ramp.
     """
 
     start: int
@@ -52,7 +52,10 @@ class Segment:
 
 @dataclass(frozen=True)
 class Track:
-    """One parameter over a run: ``values[i]`` holds from row ``rows[i]`` on; ``rows[0]`` is 0."""
+    """Values of one parameter over a run.
+
+    ``values[i]`` is in force from row ``rows[i]`` on; ``rows[0]`` is 0.
+    """
 
     name: str
     rows: Rows
@@ -68,9 +71,9 @@ def cut(
     """Cut a run into segments of constant parameters, in order, without overlap.
 
     A cut is made where a channel K, delta_T or T_1, or the mesh frequency, changes, at the given
-    changes of xi, control_phase and the number of the effects (and of K, delta_T, T_1 if they are
-    no channel), and at gaps in the phase. More than 8 successive changes of one parameter in one
-    direction are a ramp: if each value is held for at least 8 cycles, each becomes a segment, else
+    changes of xi, control_phase and the set of effects (and of K, delta_T, T_1 if they have no
+    channel), and at gaps in the phase. More than 8 successive changes of one parameter in one
+    direction are a ramp: if each value lasts for at least 8 cycles, each becomes a segment, else
     the ramp is cut into bins of about 40 cycles. A channel that changes up and down more than once
     a cycle is a measurement, not a setting: it makes no cut and its mean is used.
 
@@ -78,7 +81,7 @@ def cut(
         series: the run.
         motion: the same samples.
         changes: (time in s, new values) of parameters, in order.
-        base: parameters in force from the start that have no channel.
+        base: parameters at the start that have no channel.
     """
     tracks = _tracks(series, motion, changes, base or {})
     cuts: set[int] = {int(row) for row in _gaps(motion)}
@@ -138,13 +141,13 @@ def _track_of_events(
     """Track of a parameter from its given changes.
 
     A change acts from the first sample at or after its time. Changes to the value that is in
-    force already are left out.
+    force already are ignored.
 
     Args:
         name: of the parameter.
         times: (n,) times of the samples [s].
         changes: (time in s, new values by name), in order.
-        base: values from the start, by name; NaN for a parameter that is not among them.
+        base: values at the start, by name; NaN for a parameter that is not among them.
     """
     rows, values = [0], [base.get(name, float("nan"))]
     for time, change in changes:
@@ -181,7 +184,7 @@ def _cuts_of(track: Track, motion: Motion) -> tuple[Rows, list[tuple[int, int, s
 
 
 def _one_way_runs(steps: Array) -> list[tuple[int, int]]:
-    """First and last index of each run of more than 8 steps of one sign."""
+    """First and last index of each sequence of more than 8 steps of the same sign."""
     if not steps.size:
         return []
     turns = np.flatnonzero(np.diff(np.sign(steps)) != 0) + 1
@@ -196,7 +199,7 @@ def _segment(
     ramps: Sequence[tuple[int, int, str]],
     motion: Motion,
 ) -> Segment:
-    """Segment from its first row and the row after the last."""
+    """Segment of the rows from ``start`` to before ``stop``."""
     ramp = next((name for first, last, name in ramps if first <= start and stop <= last), "")
     point = {track.name: _mean(track, start, stop) for track in tracks}
     cycles = motion.rows(start, stop).cycles

@@ -1,4 +1,4 @@
-"""Amplitude spectrum over mesh orders, and its lines at the orders h / n."""
+"""Amplitude spectrum over mesh orders, and its lines at the orders h / n of a period n."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LINE_BINS = 2  # half-width of a line with the Hann window
 
 @dataclass(frozen=True)
 class Spectrum:
-    """One-sided amplitude spectra of some channels.
+    """One-sided amplitude spectra of the displacements of some meshes.
 
     Attributes:
         orders: (n,) frequency in units of the mesh frequency.
@@ -53,7 +53,7 @@ class Line:
 
 
 def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
-    """Amplitude spectra of the displacements, Hann window, corrected to sine amplitudes.
+    """Amplitude spectra of the displacements, Hann window, scaled to the amplitude of a sine.
 
     Blocks have up to 240 cycles and a multiple of the period, so that the lines h / n fall on
     bins; squares are averaged over the blocks. The mean of each channel is removed.
@@ -75,9 +75,7 @@ def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
 
 
 def _evenly_in_phase(motion: Motion) -> Array:
-    """Displacements (n, k), interpolated to even steps of the phase if they are not even
-    already.
-    """
+    """Displacements (n, k), interpolated to even steps of the phase if they are uneven."""
     steps = np.diff(motion.turns)
     if np.ptp(steps) < 1e-3 * steps.mean():
         return motion.x
@@ -86,7 +84,10 @@ def _evenly_in_phase(motion: Motion) -> Array:
 
 
 def lines(spectrum: Spectrum, period: int) -> tuple[Line, ...]:
-    """Amplitudes at the orders h / n of all meshes, h = 1 ... 6 n, n the period or 1."""
+    """Amplitudes of all meshes at the orders h / n of the spectrum, h = 1 ... 6 n.
+
+    n is the period, or 1 if it is 0; an amplitude is the largest of three bins at its order.
+    """
     n = max(period, 1)
     wanted = np.arange(1, 6 * n + 1)
     wanted = wanted[wanted / n <= spectrum.orders[-1]]
@@ -99,7 +100,10 @@ def lines(spectrum: Spectrum, period: int) -> tuple[Line, ...]:
 
 
 def share_off_lines(spectrum: Spectrum, period: int) -> Array:
-    """Share (k,) of the power without the mean that lies off the orders h / n, n the period."""
+    """Fraction (k,) of the spectral power, without the mean, off the orders h / n, n the period.
+
+    NaN for a mesh without power.
+    """
     power = spectrum.amplitudes**2
     spacing = 1 / max(period, 1) / spectrum.orders[1]
     bins = np.arange(len(power))

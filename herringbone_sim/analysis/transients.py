@@ -15,14 +15,13 @@ RESOLUTION = 1e-4
 
 
 def settling_cycles(points: Array) -> tuple[int, bool]:
-    """Number of section points to drop as transient, and whether the motion settled by half of
-    them.
+    """Number of section points of the transient, and whether the motion settled in the first half.
 
     The second half of the points represents the settled motion. A point of the first half counts
     as transient if it is farther from the second half than 1e-4 of the scale and than twice the
     99th percentile of the nearest-neighbour distances within the second half. All points up to the
-    last window of 25 with more than 20 % transient points are dropped, and at least 5 % of all
-    points or 50.
+    last window of 25 with more than 20 % transient points are dropped, and at least the smaller of
+    5 % of all points and 50.
 
     Args:
         points: (m, k) section points in units of the scale of the motion.

@@ -1,7 +1,7 @@
 """0-1 test for chaos on one recorded channel, without phase-space reconstruction.
 
 Gottwald and Melbourne, SIAM J. Appl. Dyn. Syst. 8 (2009) 129-145, Eqs. (3.1)-(3.9), correlation
-method: the series drives a walk in the plane, p += phi cos(j c), q += phi sin(j c). The walk
+method: the series phi drives a walk in the plane, p += phi cos(j c), q += phi sin(j c). The walk
 diffuses if the motion is chaotic (K near 1) and stays bounded if it is regular (K near 0).
 """
 
@@ -22,7 +22,7 @@ LEAST = 300
 
 @dataclass(frozen=True)
 class ZeroOne:
-    """Result of the test.
+    """Result of the 0-1 test for chaos.
 
     Attributes:
         K: median of the correlations, near 0 for regular and near 1 for chaotic motion.
@@ -38,7 +38,7 @@ class ZeroOne:
 def zero_one_test(
     series: Array, rng: np.random.Generator, frequencies: int = FREQUENCIES
 ) -> ZeroOne:
-    """Test a scalar series for chaos.
+    """Test a scalar series for chaos by the 0-1 test.
 
     Sample once a mesh cycle: a series sampled much faster than it changes looks regular (K near 0)
     in any case. A series that is constant (a P1 motion) has K = 0 by definition. Weak chaos needs
@@ -66,7 +66,7 @@ def zero_one_test(
 
 
 def walks(series: Array, frequencies: Array) -> NDArray[np.complex128]:
-    """Walks p + i q (n, m) driven by a series (n,) at the frequencies (m,)."""
+    """Walks p + i q (n, m), complex, driven by a series (n,) at the frequencies (m,)."""
     angle = np.outer(np.arange(1, len(series) + 1), frequencies)
     walk: NDArray[np.complex128] = np.cumsum(series[:, None] * np.exp(1j * angle), axis=0)
     return walk

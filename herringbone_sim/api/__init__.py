@@ -1,6 +1,6 @@
 """The public Python interface, ``import herringbone_sim as hb``: functions and their results.
 
-``herringbone_sim.__getattr__`` loads a name of ``NAMES`` when it is first used.
+``NAMES`` maps each name to its module, from which ``hb`` imports it when it is first used.
 """
 
 NAMES = {

@@ -1,4 +1,4 @@
-"""Coexisting motions and their basins of attraction, in Python."""
+"""Coexisting motions of a gear and their basins of attraction, in Python."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 
 @dataclass(frozen=True, repr=False)
 class Attractors(NotebookResult):
-    """Motions of a gear and the share of random starts that each attracts.
+    """Motions of a gear and the fraction of random initial states that leads to each.
 
     Attributes:
         model: of the gear.
-        names: of the motions, the one with the largest share first.
-        basins: attractors, and the attractor of each start.
-        last: mesh cycles from the start to the last point of each attractor.
+        names: of the motions, in descending order of that fraction.
+        basins: attractors, and the attractor of each initial state.
+        last: mesh cycles from the initial state to the last point of each attractor.
     """
 
     model: Model
@@ -44,13 +44,13 @@ class Attractors(NotebookResult):
         ]
 
     def plot(self) -> Picture:
-        """Shares above a phase portrait of each motion."""
+        """Figure with the fractions above a phase portrait of each motion."""
         drawn = self.basins.attractors[:PORTRAITS]
         motions = portraits(self.model, drawn, self.last)
         return Picture(basins_figure(motions, self.names, self.basins))
 
     def to_pandas(self) -> Any:
-        """A row per motion: share of the starts with its 95 % interval, number of starts."""
+        """``pandas.DataFrame`` with a row per motion: fraction, its 95 % interval, number."""
         share, low, high = self.basins.shares().T
         columns = {"motion": self.names, "share": share, "low": low, "high": high}
         return data_frame({**columns, "starts": self.basins.counts})
@@ -66,15 +66,15 @@ def basins(
     effects: str | None = None,
     **changes: Any,
 ) -> Attractors:
-    """Find the coexisting motions of a gear, and the share of random starts of each.
+    """Find the coexisting motions of a gear, and the fraction of random initial states for each.
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
-        starts: number of random starts, of the size of the motion.
+        starts: number of initial states; displacements are within b_c, velocities b_c omega_n.
         transient: mesh cycles discarded first.
         points: mesh cycles observed then.
-        seed: of the starts.
-        effects: of the gear as a text; None for those of the file.
+        seed: of the initial states.
+        effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         changes: parameters by name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Bifurcation diagrams in Python."""
+"""Bifurcation diagrams of a gear in Python."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep,
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
-SMALL = 16  # values of a part of a continuation, or of a gear that is not integrated in lanes
+SMALL = 16  # values in a part of a continuation, or of a gear that is not integrated in lanes
 
 
 @dataclass(frozen=True, repr=False)
@@ -29,24 +29,24 @@ class Bifurcation(NotebookResult):
     """Motions over a parameter, for one or more ways of reaching each value.
 
     Attributes:
-        diagram: values, section points, periods, exponents of each way.
+        diagram: a branch with values, section points, periods and exponents for each way.
     """
 
     diagram: Diagram
 
     @property
     def values(self) -> Any:
-        """(n,) of the parameter."""
+        """(n,) values of the parameter."""
         return self.diagram.branches[0].values
 
     @property
     def period(self) -> Any:
-        """(n,) mesh cycles by the first way; 0 aperiodic, NaN failed."""
+        """(n,) period in mesh cycles by the first way; 0 aperiodic, NaN failed."""
         return self.diagram.branches[0].period
 
     @property
     def exponent(self) -> Any:
-        """(n,) largest exponent per unit of the dimensionless time, by the first way."""
+        """(n,) largest Lyapunov exponent per unit of dimensionless time, by the first way."""
         return self.diagram.branches[0].exponent
 
     def title(self) -> str:
@@ -62,11 +62,11 @@ class Bifurcation(NotebookResult):
         return facts
 
     def plot(self) -> Picture:
-        """Section points over the parameter, above the largest exponents."""
+        """Figure with the section points over the parameter, above the largest exponents."""
         return Picture(diagram_figure(self.diagram))
 
     def to_pandas(self) -> Any:
-        """A row per value and way, as a ``pandas.DataFrame``."""
+        """``pandas.DataFrame`` with a row per value and way."""
         names = ("values", "period", "exponent", "within", "transverse", "asymmetry")
         columns = {
             name: np.concatenate([getattr(one, name) for one in self.diagram.branches])
@@ -78,9 +78,9 @@ class Bifurcation(NotebookResult):
 
 
 def _period_shares(branch: Branch) -> str:
-    """Share of the values with each period as text, ``P1 60.0%, aperiodic 38.5%``, largest first.
+    """Fraction of the values by period, as text ``P1 60.0%, aperiodic 38.5%``, largest first.
 
-    Values that failed are counted in the whole, but not listed.
+    Failed values count in the total, but are not listed.
     """
     known = branch.period[np.isfinite(branch.period)]
     values, counts = np.unique(known, return_counts=True)
@@ -100,21 +100,23 @@ def bifurcation(
     folder: Path | str | None = None,
     **values: Any,
 ) -> Bifurcation:
-    """Bifurcation diagram and largest exponents over one parameter, on all cores.
+    """Compute a bifurcation diagram with largest exponents over one parameter, on all cores.
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         start: how a value is reached, one or more of ``fixed`` (from the initial state), ``up``,
-            ``down`` (from where the value before ended), ``ramp_up``, ``ramp_down``.
+            ``down`` (from the final state of the value before), ``ramp_up``, ``ramp_down`` (one
+            motion while the parameter changes every mesh cycle).
         transient: mesh cycles discarded at each value.
         cycles: mesh cycles observed then.
-        effects: of the gear as a text; None for those of the file.
+        effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         folder: where results are stored, and read from when the call is repeated; None for none.
         values: one parameter with a sequence of values, as ``delta_T=np.linspace(0, 100, 400)``;
             others with one value each.
 
     Raises:
         ParameterError: not exactly one sequence, a value out of range, or no such start.
+        AnalysisError: ``folder`` holds another sweep, or can't be written.
     """
     swept = {name: given for name, given in values.items() if np.ndim(given) == 1}
     if len(swept) != 1:

@@ -1,4 +1,4 @@
-"""Campaigns of a rig and their diagnosis in Python."""
+"""Campaigns of a rig, their diagnosis, and the catalogue of effects in Python."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Campaign(NotebookResult):
     """Recorded runs of a rig, with their operating points and roles.
 
     Attributes:
-        folder: with ``campaign.yaml``.
+        folder: contains ``campaign.yaml``.
     """
 
     folder: Path | str
 
     @property
     def recorded(self) -> recorded.Campaign:
-        """Content of ``campaign.yaml``; RecordingError if there is none."""
+        """Content of ``campaign.yaml``, read at each access; RecordingError if there is none."""
         return recorded.read_campaign(Path(self.folder))
 
     def title(self) -> str:
@@ -49,7 +49,7 @@ class Campaign(NotebookResult):
         ]
 
     def to_pandas(self) -> Any:
-        """A row per run: name, role, operating point, as a ``pandas.DataFrame``."""
+        """``pandas.DataFrame`` with a row per run: name, role, operating point."""
         runs = self.recorded.runs
         names = list(runs[0].point) if runs else []
         columns = {name: [run.point[name] for run in runs] for name in names}
@@ -62,7 +62,7 @@ class Diagnosis(NotebookResult):
     """Result of a diagnosis: effects that the nominal model lacks, with place, size, probability.
 
     Attributes:
-        result: verdict, causes, gap and all else that the report tells.
+        result: the report: verdict, causes, gap and all else.
         augmented: the model with the effects, recalibrated.
         nominal: parameter file of the rig.
         arrays: residuals or mesh forces for the figures of the page; None if none are formed.
@@ -75,12 +75,12 @@ class Diagnosis(NotebookResult):
 
     @property
     def report(self) -> Mapping[str, Any]:
-        """As ``report.json`` has it."""
+        """The content of ``report.json``."""
         return self.result.to_dict()
 
     @property
     def verdict(self) -> str:
-        """``none``, ``unknown``, ``ambiguous`` or the id of an effect."""
+        """Verdict: ``none``, ``unknown``, ``ambiguous`` or the id of an effect."""
         return self.result.verdict.verdict
 
     @property
@@ -97,7 +97,7 @@ class Diagnosis(NotebookResult):
         ]
 
     def to_pandas(self) -> Any:
-        """A row per cause and parameter, with its 90 % interval, as a ``pandas.DataFrame``."""
+        """``pandas.DataFrame`` with a row per cause and parameter, with its 90 % interval."""
         rows = [
             {
                 "effect": one.effect,
@@ -117,10 +117,16 @@ class Diagnosis(NotebookResult):
 
     @any_gear()
     def save(self, folder: Path | str) -> Path:
-        """Write report.json, augmented.yaml, the page, and forces.csv of few sensors.
+        """Write report.json, augmented.yaml, the page, and forces.csv if forces are in the report.
+
+        Args:
+            folder: created if missing.
 
         Returns:
-            The page.
+            Path of the page.
+
+        Raises:
+            AnalysisError: the folder can't be written.
         """
         out = make_folder(Path(folder))
         nominal = load_parameters(self.nominal).changed({"model": "full"})
@@ -133,11 +139,11 @@ class Diagnosis(NotebookResult):
 
 @any_gear()
 def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
-    """Diagnose in which effects a rig differs from the nominal model, as the verb ``gap`` does.
+    """Diagnose in which effects a rig differs from the nominal model, as the command ``gap`` does.
 
     Args:
         campaign: a campaign or its folder.
-        nominal: parameter file of the rig.
+        nominal: parameter file of the rig; its gear is used as the full model.
 
     Raises:
         RecordingError: no campaign there.
@@ -154,7 +160,7 @@ def diagnose(campaign: Campaign | Path | str, nominal: Path | str) -> Diagnosis:
 
 @dataclass(frozen=True, repr=False)
 class Catalogue(NotebookResult):
-    """Effects that the nominal model leaves out."""
+    """Table of the effects that the nominal model leaves out."""
 
     def title(self) -> str:
         return f"{len(effects())} effects"
@@ -163,7 +169,7 @@ class Catalogue(NotebookResult):
         return [(one.id, one.text) for one in effects().values()]
 
     def to_pandas(self) -> Any:
-        """A row a parameter of an effect, with unit and bounds."""
+        """``pandas.DataFrame`` with a row per parameter of each effect: unit, bounds, meaning."""
         rows = [
             (one.id, one.level, p.name, p.unit, p.low, p.high, p.text)
             for one in effects().values()
@@ -174,5 +180,5 @@ class Catalogue(NotebookResult):
 
 
 def catalogue() -> Catalogue:
-    """Effects that a gear may have and a diagnosis may name, users' own included."""
+    """Return the effects that a gear may have and a diagnosis may name, those of users too."""
     return Catalogue()

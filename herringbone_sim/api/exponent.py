@@ -1,4 +1,4 @@
-"""Lyapunov exponents in Python."""
+"""Lyapunov exponents of a gear in Python."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def largest_exponent(
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         cycles: mesh cycles averaged over.
         transient: mesh cycles discarded first.
-        effects: of the gear as a text; None for those of the file.
+        effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         changes: parameters by name.
 
     Raises:
@@ -41,7 +41,7 @@ def largest_exponent(
 
 @dataclass(frozen=True, repr=False)
 class Exponents(NotebookResult):
-    """Exponents of one motion by all methods.
+    """Lyapunov exponents of one motion by all methods.
 
     Attributes:
         methods: tangent flow, two trajectories, symmetry, recorded series, 0-1 test.
@@ -67,7 +67,7 @@ class Exponents(NotebookResult):
         ]
 
     def plot(self) -> Picture:
-        """Convergence, spectrum, two trajectories and 0-1 test."""
+        """Figure with convergence, spectrum, two trajectories and 0-1 test."""
         return Picture(exponents_figure(self.methods, self.title()))
 
 
@@ -79,11 +79,16 @@ def exponents(
     effects: str | None = None,
     **changes: Any,
 ) -> Exponents:
-    """Exponents of the motion of a gear by all methods.
+    """Compute the Lyapunov exponents of the motion of a gear by all methods.
 
     Args:
-        cycles: mesh cycles averaged over.
+        gear, effects, changes: as for ``largest_exponent``.
+        cycles: mesh cycles that each method evaluates.
         transient: mesh cycles discarded first.
-        gear, effects, changes: as of ``simulate``; the errors too.
+
+    Raises:
+        ParameterError: a value out of range, or no such effect.
+        DivergenceError: the motion diverges.
+        AnalysisError: too few cycles for a method.
     """
     return Exponents(compare_exponents(model_of(gear, effects, changes), cycles, transient))

@@ -1,4 +1,4 @@
-"""The gear that the functions of ``herringbone_sim`` take, and its model."""
+"""Conversion of the ``gear`` argument of the public functions to parameters and a model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Gear = Parameters | Path | str | None
 
 @contextmanager
 def any_gear() -> Iterator[None]:
-    """Context without the warning on gears that can't be assembled, such as that of the paper."""
+    """Context that hides the warning on gears that can't be assembled, as that of the paper."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         yield
@@ -46,6 +46,6 @@ def _given(gear: Parameters | Path | str) -> tuple[Parameters, tuple[Active, ...
 
 
 def model_of(gear: Gear, effects: str | None, changes: dict[str, Any] | None = None) -> Model:
-    """The model of a gear with its effects; errors as ``parts_of``."""
+    """Model of a gear with its effects and changed parameters; errors as ``parts_of``."""
     parameters, actives = parts_of(gear, effects)
     return build_with(parameters.changed(changes or {}), actives)

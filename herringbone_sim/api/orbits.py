@@ -1,4 +1,4 @@
-"""Periodic orbits over a parameter in Python."""
+"""Periodic orbits of a gear over a parameter, in Python."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Orbits(NotebookResult):
 
     Attributes:
         over: name of the parameter.
-        branches: with their orbits and boundaries.
+        branches: orbits and boundaries of each branch.
         parameters: of the gear.
     """
 
@@ -39,7 +39,7 @@ class Orbits(NotebookResult):
         ]
 
     def plot(self, mesh: int = 0) -> Picture:
-        """Branches over the parameter, above their largest multipliers.
+        """Figure of the branches over the parameter, above their largest multipliers.
 
         Args:
             mesh: index of the mesh whose displacement at phase 0 is shown.
@@ -48,7 +48,7 @@ class Orbits(NotebookResult):
         return Picture(orbit_figure(self.branches, self.over, mesh, name))
 
     def to_pandas(self) -> Any:
-        """A row per orbit: branch, value, period and stability, as a ``pandas.DataFrame``."""
+        """``pandas.DataFrame`` with a row per orbit: branch, value, period and stability."""
         rows = [
             (number, point.value, one.period, stability_of(point))
             for number, one in enumerate(self.branches, start=1)
@@ -58,7 +58,7 @@ class Orbits(NotebookResult):
         return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def boundaries(self) -> Any:
-        """A row per boundary in the order of values, as a ``pandas.DataFrame``."""
+        """``pandas.DataFrame`` with a row per boundary, by value: kind, branch and period."""
         rows = [
             (b.value, b.kind, number, b.period)
             for number, one in enumerate(self.branches, start=1)
@@ -84,10 +84,10 @@ def orbits(
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         over: parameter that is varied.
         between: range of the parameter.
-        start: values at which the motion is periodic, or (value, N) for an orbit of N periods
-            near the motion there, stable or not.
-        max_period: of doubled orbits.
-        effects: of the gear as a text; None for those of the file.
+        start: values at which the motion is periodic, or (value, N) for an orbit of N forcing
+            periods near the motion there, stable or not.
+        max_period: largest period that is followed at period doublings [forcing periods].
+        effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         changes: other parameters by name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Runs, simulated or recorded, in Python."""
+"""Simulated and recorded runs in Python."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Run(NotebookResult):
         parameters: of the gear by name, ``effects`` as a text; empty when unknown.
         changes: of parameters during the run.
         notes: remarks on a recording, a sentence each.
-        end: state after the last sample, for ``simulate`` to continue; None of a recording.
+        end: state after the last sample, for ``simulate`` to continue; None for a recording.
     """
 
     name: str
@@ -52,10 +52,10 @@ class Run(NotebookResult):
 
     @cached_property
     def segments(self) -> list[SegmentResult]:
-        """Period, exponent, spectrum and contact of each stretch of constant parameters.
+        """Period, exponent, spectrum and contact of each stretch of constant parameters, in order.
 
         Raises:
-            AnalysisError: the run has no displacements and rates, or is too short.
+            AnalysisError: the run has no phase or no displacement, or is too short.
         """
         numbers = [
             (one.t_s, {k: float(v) for k, v in one.values.items() if isinstance(v, (int, float))})
@@ -68,7 +68,7 @@ class Run(NotebookResult):
         return gear_of(self.parameters, with_model=False)
 
     def to_pandas(self) -> Any:
-        """All channels as a ``pandas.DataFrame`` over the time [s]."""
+        """All channels as a ``pandas.DataFrame``, the time [s] being its index."""
         columns = {name: self.samples[name] for name in self.samples.names}
         table = data_frame(columns)
         table.index = library("pandas").Index(self.t, name="time")
@@ -104,7 +104,7 @@ class Run(NotebookResult):
         return [("note", note) for note in self.notes]
 
     def plot(self, mesh: str | None = None, segment: int = -1) -> Picture:
-        """Time course, phase portrait, Poincaré section and spectrum of one mesh.
+        """Figure with time course, phase portrait, Poincaré section and spectrum of one mesh.
 
         Args:
             mesh: name such as ``sp_L``; the first by default.
@@ -128,7 +128,8 @@ def simulate(
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         cycles: mesh cycles.
-        effects: of the gear as a text; None for those of the file.
+        effects: text such as ``runout@rp:amplitude=2e-5,member=ring`` that replaces the effects
+            of the file; None for those of the file.
         start: a simulated run of the same model to continue; the initial state by default.
         changes: parameters by name, as ``delta_T=20.0``.
 

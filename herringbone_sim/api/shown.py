@@ -1,4 +1,4 @@
-"""Display of results in a notebook: text and HTML, pictures as PNG, columns for pandas."""
+"""Display of results in a notebook: text and HTML, pictures as PNG, tables for pandas."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Picture:
     """A figure that a notebook shows.
 
     Attributes:
-        figure: of Matplotlib, to be changed at will.
+        figure: Matplotlib figure; it may be changed before it is shown or saved.
     """
 
     figure: Figure
@@ -35,15 +35,18 @@ class Picture:
         return buffer.getvalue()
 
     def save(self, path: Path | str) -> None:
-        """Write the figure; the ending of the file (.png, .svg, .pdf) says how."""
+        """Write the figure to a file in the format of its suffix (.png, .svg, .pdf)."""
         self.figure.savefig(path)
 
 
 class NotebookResult:
-    """A result that a notebook shows as a title, a table of facts, and a picture if it has one."""
+    """Base of results that a notebook shows as title, table of facts, and picture.
+
+    The picture is that of the method ``plot``, if the class has one.
+    """
 
     def title(self) -> str:
-        """Title in a line."""
+        """Title in one line."""
         raise NotImplementedError
 
     def facts(self) -> Sequence[tuple[str, str]]:
@@ -68,12 +71,12 @@ class NotebookResult:
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """Columns as a ``pandas.DataFrame``; AnalysisError without pandas."""
+    """Columns by name as a ``pandas.DataFrame``; AnalysisError without pandas."""
     return library("pandas").DataFrame(dict(columns))
 
 
 def library(name: str) -> Any:
-    """A library of the extra ``notebook``; AnalysisError where it is not installed."""
+    """Import a library of the extra ``notebook``; AnalysisError where it is not installed."""
     try:
         return importlib.import_module(name)
     except ImportError:

@@ -49,15 +49,15 @@ python -m herringbone_sim analyze runs/first --out analysis
 
 @dataclass(frozen=True)
 class Analysed:
-    """Results of one run, without its samples.
+    """Results of the analysis of one run, without its samples.
 
     Attributes:
-        name: of the run; also of its folder if there are several runs.
-        folder: with the files of the run.
-        effects: a line per set of effects that the run had.
-        results: one per segment.
+        name: name of the run; also of its folder if several runs are analysed.
+        folder: folder with the report, figures and tables of the run.
+        results: one result per segment.
         scale: units of the axes.
-        mesh: shown in the figures.
+        mesh: name of the mesh in the figures.
+        effects: a text line per set of effects that was in force during the run.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Analysed:
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """How the runs are analysed."""
+    """Options of the analysis."""
 
     out: Out
     mesh: Mesh = None
@@ -101,7 +101,7 @@ def run(
     *,
     options: Options,
 ) -> int:
-    """Analyse the runs, write and print the results; exit code 0.
+    """Analyse the runs, write reports and print a summary of each; exit code 0.
 
     Raises:
         RecordingError: a run can't be read.
@@ -149,7 +149,7 @@ def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
 
 
 def _effects(recording: Recording, parameters: Mapping[str, Any]) -> list[str]:
-    """Sets of effects as texts, each once: that at the start, then those of later changes."""
+    """Distinct sets of effects of a run as texts, in the order in which they came into force."""
     later = [str(c.values[EFFECTS]) for c in recording.changes if EFFECTS in c.values]
     written = (effects_text(read_effects(text)) for text in (parameters.get(EFFECTS), *later))
     return list(dict.fromkeys(written))
@@ -162,7 +162,7 @@ def _effect_lines(texts: Sequence[str]) -> list[str]:
 
 
 def _numbers(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
-    """Numeric values of a change; effects as their index in ``texts``."""
+    """Numeric values of a change by parameter; a set of effects as its index in ``texts``."""
     numbers = {
         name: float(value)
         for name, value in change.values.items()
@@ -209,7 +209,10 @@ def _joint_diagram(analysed: Sequence[Analysed], out: Path) -> None:
 
 
 def _summary(run: Analysed) -> str:
-    """Aligned table of the segments of a run, and the name of its report."""
+    """Text table of the segments of a run, and the path of its report.
+
+    Of more than ``MAX_LINES`` lines those in the middle are left out.
+    """
     point = changing(run.results)
     rows = [["segment", "start [s]", "cycles", "dropped", *point, "motion", "exponent", "model"]]
     rows += [_summary_row(result, point) for result in run.results]
@@ -235,7 +238,7 @@ def _summary_row(result: SegmentResult, point: Sequence[str]) -> list[str]:
 
 
 def _folder_names(paths: Sequence[Path]) -> list[str]:
-    """Names of the runs; a repeated one with a number behind ``~``."""
+    """Folder name for each run: that of its file or folder, repeated names as ``NAME~2``, ..."""
     names: list[str] = []
     for path in paths:
         stem = path.stem if path.suffix == ".mcap" else Path(os.path.abspath(path)).name
@@ -245,7 +248,7 @@ def _folder_names(paths: Sequence[Path]) -> list[str]:
 
 
 def _progress(name: str) -> Any:
-    """Function that prints the number of finished segments if stderr is a terminal."""
+    """Callback (done, total) that prints the progress over the segments on a terminal."""
 
     def show(done: int, total: int) -> None:
         if sys.stderr.isatty():

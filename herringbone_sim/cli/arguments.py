@@ -1,7 +1,7 @@
-"""Arguments of a verb: taken by the signature of its ``run``, explained by ``--help``.
+"""Parse the arguments of a verb and write its ``--help``, both from the signature of its ``run``.
 
-An option is a parameter of ``run``, or a field of a dataclass that is one. Texts in its annotation
-are the word for its value and its help: ``Annotated[int, "N", "mesh cycles of a run"]``.
+An option is a parameter of ``run``, or a field of a dataclass that is a parameter. Texts in its
+annotation name its value and explain it: ``Annotated[int, "N", "mesh cycles of a run"]``.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from herringbone_sim.errors import HerringboneError
 
 T = TypeVar("T")
 KINDS = {bool: "true or false", float: "a number", float | None: "a number"}
-WIDTH, COLUMN = 79, 24  # of the help, and where its texts begin
+WIDTH, COLUMN = 79, 24  # characters of a line of the help, and column of its explanations
 
 
 @dataclass(frozen=True)
 class Alone:
-    """In the annotation of an option whose value may be left out: what it is then."""
+    """Annotation of an option that may be given without a value, with the value it then has."""
 
     value: str
 
@@ -38,13 +38,15 @@ class ArgumentError(HerringboneError):
 
 
 def parse(verb: str, words: Sequence[str], of_ros: Sequence[str] = ()) -> Callable[[], int]:
-    """The call of a verb's ``run`` that the words after the verb ask for.
+    """Parse the arguments of a verb and return a call of its ``run`` with them.
 
     Args:
-        of_ros: handed on where ``run`` has a parameter of that name, else not taken.
+        verb: one of ``VERBS``.
+        words: arguments after the verb.
+        of_ros: arguments of ROS, for a verb whose ``run`` has the parameter ``of_ros``.
 
     Raises:
-        ArgumentError: an unknown, missing or wrong argument.
+        ArgumentError: an unknown, missing or wrong argument, or ``of_ros`` for another verb.
     """
     app = _app(_module(verb))
     known = app.assemble_argument_collection()
@@ -73,7 +75,7 @@ def _app(module: Any) -> App:
 
 
 def _completed(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
-    """Words in which no option lacks its value if that may be left out."""
+    """Arguments with the value of ``Alone`` added to options that are given without a value."""
     alone = {name: value for a in known for value in _notes(a, Alone) for name in a.names}
     last = words.index("--") if "--" in words else len(words)
     found = list(words)
@@ -116,7 +118,7 @@ def _unknown(words: Sequence[str], known: Sequence[Argument], hint: str) -> str:
 
 
 def help_of(verb: str) -> str:
-    """Text of ``VERB --help``: usage, description, options with defaults, example."""
+    """Text of ``VERB --help``: usage, docstring of its module, options with defaults, example."""
     module = _module(verb)
     known = [a for a in _app(module).assemble_argument_collection() if a.show]
     usage = [f"usage: {PROGRAM} {verb} [options]", *(_label(a) for a in known if a.required)]
@@ -138,7 +140,7 @@ def help_of(verb: str) -> str:
 
 
 def _entry(argument: Argument) -> str:
-    """Lines of the help on an argument: names, value, text and default."""
+    """Lines of the help on an argument: names, value, explanation and default."""
     default, (*_, text) = argument.field_info.default, _notes(argument, str)
     values = default if isinstance(default, tuple) else (default,)
     shown = ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values)
@@ -151,7 +153,7 @@ def _columns(label: str, text: str) -> str:
 
 
 def _label(argument: Argument) -> str:
-    """Names and value of an argument, as in ``--out DIR``."""
+    """Names of an argument and the word for its value, such as ``--out DIR``."""
     names = () if argument.index is not None else (", ".join(argument.names),)
     if choices := argument.get_choices():
         return " ".join([*names, f"{{{','.join(choices)}}}"])
@@ -160,7 +162,7 @@ def _label(argument: Argument) -> str:
 
 
 def _notes(argument: Argument, kind: type[T]) -> list[T]:
-    """What there is of a kind in the annotation of an argument, outer ones last."""
+    """All objects of a type in the annotation of an argument, the innermost first."""
 
     def found(hint: Any) -> Iterator[T]:
         for part in () if get_origin(hint) is Literal else get_args(hint):

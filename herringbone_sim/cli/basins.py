@@ -51,7 +51,7 @@ from herringbone_sim.views.figures.basins import PORTRAITS, basins_figure
 from herringbone_sim.views.figures.style import save
 from herringbone_sim.views.tables.csv_file import write_csv
 
-LEAST = 50  # mesh cycles that tell motions apart
+LEAST = 50  # fewest mesh cycles that distinguish motions
 HEAD = (
     *("attractor", "motion", "starts", "share", "low", "high"),
     *("exponent_per_tau", "exponent_error", "starts_of_slice"),
@@ -65,7 +65,7 @@ python -m herringbone_sim basins --set delta_T=70 --starts 100 --slice 24 \\
 @flattened
 @dataclass(frozen=True, kw_only=True)
 class Options(RandomStarts):
-    """Starts and length of the runs."""
+    """Options: random starts, slice, and length of the runs."""
 
     starts: Starts = 200
     transient: Discarded = 4000
@@ -128,7 +128,7 @@ def _bar(name: str) -> Callable[[Iterable[int]], Iterable[int]]:
 def cached_sections(
     folder: Path, model: Model, transient: int, points: int, workers: int = 1
 ) -> Sections:
-    """``gear_sections`` whose results are stored in a folder and read from it."""
+    """Return ``gear_sections`` of a model with the results cached in a folder."""
     sections_of, cache = gear_sections(model, transient, points, workers), ArrayCache(folder)
 
     def cached(starts: Array) -> Array:
@@ -156,7 +156,7 @@ def table(
 
 
 def text(rows: Sequence[tuple[Any, ...]], shared: Basins) -> str:
-    """The rows as aligned text, with the number of failed runs."""
+    """Aligned text table of the rows, with the number of failed runs."""
     lines = [f"{'':3s}{'motion':42s}{'starts':>7s}{'share':>8s}{'95 %':>16s}{'exponent':>12s}"]
     for number, name, count, share, low, high, value, error, _ in rows:
         span = f"{low:.1%} .. {high:.1%}"
@@ -176,10 +176,10 @@ def write(
     """Write ``basins.csv``, ``starts.csv`` and ``slice.csv``; attractors count from 1, 0 = failed.
 
     Args:
-        rows: of ``basins.csv``.
+        rows: rows of ``basins.csv``.
         starts: (n, n_state) random starts.
-        shared: their basins.
-        plane: axis (n,) of the slice and its basins, labels (n, n).
+        shared: attractors that the random starts lead to.
+        plane: axis (n,) of the slice, and attractors of its (n, n) starts; None: no slice.
     """
     write_csv(folder / "basins.csv", HEAD, rows)
     states = ",".join(["attractor", *(f"y_{i}" for i in range(starts.shape[1]))])

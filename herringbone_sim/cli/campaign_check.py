@@ -46,7 +46,7 @@ def run(
         f"parameters of the rig (default: {NOMINAL} in the folder, else the nominal rig)",
     ] = None,
 ) -> int:
-    """Print the channels of each run, findings, and the observations that can be formed."""
+    """Print channels of the runs, findings and observations that can be formed; exit code 0."""
     beside = campaign / NOMINAL
     file = nominal or (beside if beside.is_file() else None)
     prepared = prepare(campaign, load_parameters(file) if file else Parameters())
@@ -56,7 +56,7 @@ def run(
 
 
 def table(folder: Path, campaign: PreparedCampaign) -> str:
-    """Text, a line per run: role, length, usable channels of each quantity, other channels."""
+    """Text table, a row per run: role, mesh cycles, samples a cycle, usable channels, others."""
     titles = f"{'run':12s} {'role':9s} {'cycles':>8s} {'a cycle':>8s}"
     head = titles + "".join(f" {q:>6s}" for q in QUANTITIES) + "  others"
     paths = {run.path.name: run.path for run in read_campaign(folder).runs}
@@ -77,7 +77,7 @@ def _line(run: PreparedRun, path: Path) -> str:
 
 
 def verdict(content: FeasibleObservations) -> str:
-    """Text, a line per observation (formed, or what it needs) and per finding."""
+    """Text with a line per observation (whether it can be formed) and per finding."""
     lines = [
         f"{name}: "
         + ("can be formed" if name in content.observations else f"not formed, it needs {needs}")

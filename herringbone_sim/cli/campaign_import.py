@@ -34,7 +34,7 @@ def run(
     *,
     out: Annotated[Folder, "campaign folder to make"],
 ) -> int:
-    """Write the campaign and its page; print a summary of each run."""
+    """Import files into a campaign: write it and its page, print each run; exit code 0."""
     content = read_spec(spec)
     with progress(len(content.runs)) as report:
         runs = import_campaign(content, out, report)
@@ -46,7 +46,7 @@ def run(
 
 
 def table(runs: Sequence[ImportedRun]) -> str:
-    """Text: per run its clock, range of each quantity, unused columns and remarks."""
+    """Text: per run its sampling rate, range of each quantity, unused columns and remarks."""
     return "\n".join(line for run in runs for line in _run_lines(run))
 
 

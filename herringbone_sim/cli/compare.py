@@ -51,7 +51,7 @@ from herringbone_sim.views.tables.csv_file import write_csv
 
 Gear = tuple[Parameters, tuple[Active, ...]]
 MATCHED = ("fixed", "up", "down")  # ways whose boundaries are matched
-SCATTER = 0.3  # b_c, standard deviation of random initial displacements
+SCATTER = 0.3  # standard deviation of random initial displacements [b_c]
 SCALARS = ("period", "exponent", "exponent_error", "within", "transverse", "contact_loss")
 SEPARATED = ("sun_separated", "ring_separated")
 EXAMPLES = """\
@@ -63,7 +63,7 @@ python -m herringbone_sim compare config/rig.yaml config/paper.yaml \\
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """The sweeps of both gears."""
+    """Options of the sweeps of both gears."""
 
     over: Annotated[str, "NAME=LOW:HIGH:COUNT", "values of a parameter"]
     set: Changes = ()
@@ -109,7 +109,10 @@ def run(
 
 
 def both_gears(files: Mapping[str, Path], changes: dict[str, Any]) -> dict[str, Gear]:
-    """Nominal and augmented gear with the steps of a sweep; both ``full`` if one of them is."""
+    """Load both gears with the parameter changes and the integration steps of a sweep.
+
+    Both get the model ``full`` if one of them has it and ``changes`` names no model.
+    """
     gears = {name: load_gear(file) for name, file in files.items()}
     full = any(base.model == "full" for base, _ in gears.values()) and "model" not in changes
     every = {**changes, **({"model": "full"} if full else {})}
@@ -120,7 +123,7 @@ def both_gears(files: Mapping[str, Path], changes: dict[str, Any]) -> dict[str, 
 
 
 def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
-    """Period of the effects of a gear in mesh cycles; prints its effects and their remarks.
+    """Return the period of a gear's effects in mesh cycles, and print notes on the gear.
 
     Raises:
         ParameterError: the gear can't be built at the first value of the axis.
@@ -138,7 +141,7 @@ def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
 def ways_of(
     gear: Gear, axis: Axis, observation: Observation, options: Options, chunks: SweepOptions
 ) -> dict[str, Sweep]:
-    """Sweeps of a gear, by the way in which a value is reached."""
+    """Sweeps of a gear by way to reach a value: those of ``start``, and ``random 1``, ..."""
     base, actives = gear
     effects = effects_text(actives)
     sweeps = {
@@ -153,7 +156,7 @@ def ways_of(
 
 
 def open_stores(folder: Path, sweeps: Mapping[str, Sweep]) -> dict[str, Store]:
-    """Stores of sweeps in folders named after them."""
+    """Open a store for each sweep, in a subfolder named after its way (spaces become ``_``)."""
     return {
         way: open_store(folder / way.replace(" ", "_"), sweep) for way, sweep in sweeps.items()
     }
@@ -162,7 +165,7 @@ def open_stores(folder: Path, sweeps: Mapping[str, Sweep]) -> dict[str, Store]:
 def facts(
     files: Mapping[str, Path], gears: Mapping[str, Gear], sides: list[GearSweeps]
 ) -> list[str]:
-    """Lines about both gears: files, effects, parameters that differ, length of the runs."""
+    """Text lines on both gears: files, effects, differing parameters, length of the runs."""
     lines = ["; ".join(f"{name}: {file}" for name, file in files.items())]
     for side in sides:
         effects = effects_text(gears[side.name][1])
@@ -192,10 +195,10 @@ def _short(value: Any) -> str:
 
 
 def write(out: Path, nominal: GearSweeps, augmented: GearSweeps, lines: list[str]) -> None:
-    """Write page, figures and tables; print a summary.
+    """Write page, figures and tables of the comparison; print a summary.
 
     Args:
-        lines: of ``facts``.
+        lines: text lines of ``facts``.
     """
     axis = nominal.axis
     ways = [way for way in nominal.results if way in MATCHED]
@@ -218,7 +221,7 @@ def write(out: Path, nominal: GearSweeps, augmented: GearSweeps, lines: list[str
 
 
 def draw(out: Path, nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[Picture]:
-    """Write both figures and return them with their captions."""
+    """Write the figures of one way to reach a value and of all ways; return them with captions."""
     folder = make_folder(out / "figures")
     over, _ = save(compare_figure(nominal, augmented, way), folder, "compare")
     starts, _ = save(starts_figure(nominal, augmented), folder, "starts")
@@ -238,7 +241,7 @@ def write_tables(
     augmented: GearSweeps,
     by_way: Mapping[str, list[BoundaryShift]],
 ) -> None:
-    """Write ``boundaries.csv``, a row per boundary, and ``values.csv``, a row per run."""
+    """Write ``boundaries.csv``, a row per boundary, and ``values.csv``, a row per simulation."""
     head = ["start", "kind", "before", "after"]
     rows = [
         (
@@ -261,7 +264,7 @@ def write_tables(
 
 
 def as_json(name: str, comparison: Comparison) -> dict[str, Any]:
-    """Content of ``compare.json``: that of the page as plain values, None where unknown."""
+    """Content of ``compare.json`` as plain values; None for the shift of an unmatched boundary."""
     boundaries = [
         asdict(move)
         | {"shift": None if math.isnan(move.shift) else move.shift, "error": move.uncertainty}
@@ -278,7 +281,7 @@ def as_json(name: str, comparison: Comparison) -> dict[str, Any]:
 
 
 def text(comparison: Comparison) -> list[str]:
-    """Summary for the terminal: boundaries, shares, coexisting motions."""
+    """Text lines for the terminal: boundaries, fractions of each motion, coexisting motions."""
     lines = []
     for way, moves in comparison.moves.items():
         lines.append(f"{way_words(way)}: {headline(moves)}")

@@ -41,7 +41,7 @@ def run(
     quick: Annotated[bool, "coarse grids and short runs"] = False,
     workers: Workers = 2,
 ) -> int:
-    """Run the parts of ``--only``, print their summaries; exit code 0.
+    """Run the parts of ``--only``, or all, and print their summaries; exit code 0.
 
     Raises:
         AnalysisError: no such part, or the model ``full``.
@@ -64,7 +64,7 @@ def run(
 
 
 def _planner(bar: Any) -> Any:
-    """Function that adds a number of runs to the total of a progress bar."""
+    """Callback that adds a number of runs to the total of a progress bar."""
 
     def planned(runs: int) -> None:
         bar.total += runs

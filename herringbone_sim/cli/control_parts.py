@@ -1,4 +1,4 @@
-"""The four parts of ``control``: each runs, writes tables and figures, and returns its summary."""
+"""The four parts of ``control``: each writes tables and figures and returns summary lines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from herringbone_sim.views.figures import control as control_figures
 from herringbone_sim.views.figures import torques as torque_figures
 from herringbone_sim.views.figures.style import save
 
-LONG = 3  # times the transient, for starts whose halves differ
+LONG = 3  # factor on the transient for starts whose halves differ
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Size:
 
     Attributes:
         temperatures: number of values of delta_T from 0 to 100 K.
-        steps: values of K from 0 to 1, and to 2 for single actuators.
-        phases: number of phases of the control round the circle; half as many for actuators.
-        orders: of the control.
-        starts: number of random starts with unequal halves at each place.
+        steps: number of values of K, from 0 to 1, for single actuators from 0 to 2.
+        phases: number of control phases over 2 pi; half as many for actuators.
+        orders: orders of the control, its frequency over the mesh frequency.
+        starts: number of random starts with unequal halves at each operating point.
         settings: length of the runs.
     """
 
@@ -64,7 +64,11 @@ QUICK = Size(3, 11, 4, (0.5, 0.6180339887498949, 1.0), 8, RunSettings(transient=
 
 
 def amplitude(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
-    """``amplitude.csv``: every run; ``least.csv``: the least K; ``control_amplitude.png``."""
+    """Find the least K that reaches a motion of period 1, 2 or 4 at each delta_T.
+
+    Writes ``amplitude.csv`` (every run), ``least.csv`` (least K) and the figure
+    ``control_amplitude``; returns the summary lines.
+    """
     survey = run_survey(runner, base, size.delta_T, size.K(), settings=size.settings)
     targets = [Target(period, starts) for period in (1, 2, 4) for starts in START_GROUPS]
     least = [a for target in targets for a in least_amplitudes(runner, survey, target)]
@@ -77,7 +81,12 @@ def amplitude(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> 
 
 
 def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
-    """``phase.csv``, ``order.csv``: maps; ``phase_least.csv``, ``quiet.csv``; a figure."""
+    """Map the motions over phase and over order of the control, each with K.
+
+    Writes ``phase.csv`` and ``order.csv`` (the maps), ``phase_least.csv`` (least K at each phase),
+    ``quiet.csv`` (runs near the control that cancels the mesh error) and the figure
+    ``control_shape``; returns the summary lines.
+    """
     K, turn = size.K(), Axis("control_phase", phases(size.phases))
     by_phase = shape_map(runner, base, turn, K, size.longer(exponents=True))
     survey = run_survey(runner, base, turn, K, Starts(alike=1, parted=1), size.settings)
@@ -99,7 +108,12 @@ def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Line
 
 
 def realisation(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
-    """``actuators.csv``: patterns and torques; ``needed.csv``; ``control_realisation.png``."""
+    """Find torques on the bodies that realise the control, and those that a motion needs.
+
+    Writes ``actuators.csv`` (fractions of K and torques of each actuator), ``needed.csv`` (torque
+    by actuator, target and phase) and the figure ``control_realisation``; returns the summary
+    lines.
+    """
     model = build(base)
     single, other = single_actuators(model), substitutes(model)
     turn, K = Axis("control_phase", phases(size.phases // 2)), size.K(2.0)
@@ -117,7 +131,12 @@ def realisation(runner: MotionRunner, base: Parameters, size: Size, out: Path) -
 
 
 def robustness(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Lines:
-    """``transverse.csv``, ``starts.csv``, ``survival.csv``; ``control_robustness.png``."""
+    """Test whether controlled motions persist when left and right differ.
+
+    Writes ``transverse.csv`` (transverse exponents over delta_T and K), ``starts.csv`` (random
+    starts with unequal halves), ``survival.csv`` (gears with unequal halves) and the figure
+    ``control_robustness``; returns the summary lines.
+    """
     settings = size.longer(times=LONG)
     alike = Starts(0, 0, running=False)
     across = run_survey(runner, base, size.delta_T, size.K(), alike, size.longer(exponents=True))

@@ -13,7 +13,7 @@ from herringbone_sim.views.tables.csv_file import write_csv
 
 
 def write_runs(path: Path, survey: Survey) -> None:
-    """A row per run of a survey."""
+    """Write a CSV with a row per run of a survey: parameter, K, start and the resulting motion."""
     names = ("period", "exponent", "within", "transverse", "asymmetry", "contact_loss", "apart")
     columns = [getattr(survey.motions, name) for name in names]
     places = (
@@ -27,10 +27,10 @@ def write_runs(path: Path, survey: Survey) -> None:
 
 
 def write_least(path: Path, name: str, amplitudes: Sequence[LeastAmplitude]) -> None:
-    """A row per least amplitude; pockets as ``first-last`` on the grid of K.
+    """Write a CSV with a row per least amplitude; ranges of K in ``pockets`` as ``first-last``.
 
     Args:
-        name: of the parameter over which they are.
+        name: name of the parameter that varies.
     """
     rows = (
         [
@@ -45,7 +45,7 @@ def write_least(path: Path, name: str, amplitudes: Sequence[LeastAmplitude]) -> 
 
 
 def write_shape(path: Path, shape: ShapeMap) -> None:
-    """A row per value of the axis and K."""
+    """Write a CSV of a map of motions, a row per value of its axis and per K."""
     names = ("period", "exponent", "exponent_error", "transverse", "chaotic", "apart")
     rows = (
         [value, K, *(getattr(shape, name)[i, j] for name in names)]
@@ -56,7 +56,7 @@ def write_shape(path: Path, shape: ShapeMap) -> None:
 
 
 def write_demands(path: Path, demands: Sequence[TorqueDemand]) -> None:
-    """A row per actuator, target and phase."""
+    """Write a CSV of the torques needed, a row per actuator, target and control phase."""
     rows = (
         [d.actuator.name, d.target.period, d.target.starts, d.phase, d.K, d.largest, d.torque_n_m]
         for d in demands
@@ -66,16 +66,17 @@ def write_demands(path: Path, demands: Sequence[TorqueDemand]) -> None:
 
 
 def write_actuators(path: Path, actuators: Sequence[Actuator]) -> None:
-    """A row per actuator: shares of K on the meshes, N m at K = 1 on the bodies."""
+    """Write a CSV, a row per actuator: fractions of K on the meshes, torques [N m] at K = 1."""
     head = ["actuator", *(f"share_{m}" for m in MESHES), *(f"n_m_per_K_{b}" for b in BODIES)]
     write_csv(path, head, ([a.name, *a.pattern, *a.torques_n_m] for a in actuators))
 
 
 def write_shares(path: Path, shares: Sequence[StartShares]) -> None:
-    """CSV of the share of random starts that reach the wanted motion, a row per parameter point.
+    """Write a CSV of the fraction of random starts that reach a motion, a row per parameter point.
 
-    Columns: parameter values, wanted period, starts, reached (left = right), parted (left and
-    right differ), share of ``reached`` and its 95 % Wilson interval low, high.
+    Columns: parameter values, wanted period, number of starts, of those that reach it with
+    left = right (``reached``) and with left and right different (``parted``), fraction reached and
+    its 95 % Wilson interval.
     """
     names = ("wanted", "starts", "reached", "parted", "share", "low", "high")
     rows = ([*s.values.values(), *(getattr(s, name) for name in names)] for s in shares)
@@ -83,9 +84,9 @@ def write_shares(path: Path, shares: Sequence[StartShares]) -> None:
 
 
 def write_survival(path: Path, cases: Sequence[Survival]) -> None:
-    """CSV of whether controlled motions survive left/right differences, a row per case.
+    """Write a CSV of whether controlled motions survive left-right differences, a row per case.
 
-    A case is a motion, a parameter set apart between the halves (key of
+    A case is a motion, a parameter that differs between the halves (key of
     ``robustness.DIFFERENCES``) and the size of the difference. Columns: fields of ``Survival``.
     """
     write_csv(path, list(vars(cases[0])), (vars(case).values() for case in cases))

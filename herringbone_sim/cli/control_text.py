@@ -1,4 +1,4 @@
-"""Summary of the results of ``control`` as lines to print."""
+"""Text lines that summarise the results of ``control``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Lines = list[str]
 
 
 def least_lines(axis: Axis, amplitudes: Sequence[LeastAmplitude]) -> Lines:
-    """Least amplitudes for P1 and P2 at the temperatures printed."""
+    """Lines on the least K for periods 1 and 2, at the values nearest to ``PRINTED_DELTA_T``."""
     return [
         least_line(f"delta_T {a.value:5.1f}", a)
         for a in amplitudes
@@ -34,17 +34,17 @@ def least_lines(axis: Axis, amplitudes: Sequence[LeastAmplitude]) -> Lines:
 
 
 def nearest(axis: Axis, values: Sequence[float]) -> set[float]:
-    """The values of an axis that are nearest to the given ones."""
+    """For each given value, the nearest value of an axis."""
     return {min(axis.values, key=lambda v: abs(v - value)) for value in values}
 
 
 def target_text(target: Target, width: int = 5) -> str:
-    """Period and starts of a target, as ``repeats after 2  all``."""
+    """Text of period and starts of a target, such as ``repeats after 2  all``."""
     return f"repeats after {target.period}  {target.starts:{width}s}"
 
 
 def least_line(place: str, amplitude: LeastAmplitude) -> str:
-    """Line on a least amplitude, led by its place."""
+    """Line on a least amplitude, after the text ``place`` of its parameter value."""
     stairs = amplitude.staircase
     pockets = " ".join(f"{a:.2f}-{b:.2f}" for a, b in stairs.pockets) or "none"
     return (
@@ -54,7 +54,7 @@ def least_line(place: str, amplitude: LeastAmplitude) -> str:
 
 
 def window_lines(survey: Survey) -> Lines:
-    """Ranges of K by period from the first two starts, at the temperatures printed."""
+    """Lines on the ranges of K of equal period, from the first two starts, at few delta_T."""
     lines = []
     for i, value in enumerate(survey.axis.values):
         for j in (0, 1) if value in nearest(survey.axis, PRINTED_DELTA_T) else ():
@@ -65,7 +65,7 @@ def window_lines(survey: Survey) -> Lines:
 
 
 def contact_lines(survey: Survey) -> Lines:
-    """Loss of contact in the controlled motions of period 1 from the zero start."""
+    """Line on the loss of contact in controlled P1 motions from the zero start, if any."""
     chosen = (survey.of("period")[:, :, 0] == 1) & (survey.K > 0.0)
     if not chosen.any():
         return []
@@ -78,7 +78,7 @@ def contact_lines(survey: Survey) -> Lines:
 
 
 def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
-    """Best phase of the control for each target, beside phase 0; the cancelling phase."""
+    """Lines on the best control phase per target, and on that which cancels the mesh error."""
     lines = []
     for target in TARGETS:
         firm = [a.staircase.firm for a in amplitudes if a.target == target]
@@ -94,11 +94,11 @@ def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude], base: Paramete
 
 
 def quiet_lines(near: Survey, share: StartShares) -> Lines:
-    """Range of K and phase about the cancelling control in which contact is never lost.
+    """Lines on the range of K and phase, near the cancelling control, where contact is kept.
 
     Args:
         near: survey about the cancelling control, see ``shape.around_cancelling``.
-        share: of starts with unequal halves that reach P1 at the cancelling control.
+        share: random starts with unequal halves that reach P1 at the cancelling control.
     """
     still = quiet(near)
     middle, phases = len(near.K) // 2, np.array(near.axis.values)
@@ -122,7 +122,7 @@ def quiet_lines(near: Survey, share: StartShares) -> Lines:
 
 
 def error_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
-    """Mesh error to which error and least control add up, over all phases, for each target."""
+    """Lines on the mesh error [b_c] equivalent to error plus least control, for each target."""
     lines = []
     for target in TARGETS:
         gears = [
@@ -141,7 +141,7 @@ def error_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines
 
 
 def order_lines(shape: ShapeMap) -> Lines:
-    """Per order of the control: shares of the values of K with each kind of motion, least K."""
+    """Line per control order: fractions of the K with each kind of motion, and the least K."""
     lines = []
     for i, order in enumerate(shape.axis.values):
         period, chaotic = shape.period[i, 1:], shape.chaotic[i, 1:]
@@ -160,7 +160,7 @@ def order_lines(shape: ShapeMap) -> Lines:
 
 
 def torque_lines(base: Parameters, actuators: Sequence[Actuator]) -> Lines:
-    """Torques of each actuator at the K of the paper's Fig. 18, and their frequency."""
+    """Lines on the torques of each actuator at K = 0.3 (Fig. 18), and their frequency."""
     frequency = base.control_order * base.Omega * scales(base).omega_n / (2.0 * np.pi)
     head = f"torques alternate at {frequency:.0f} Hz; the rated T_1 is {base.T_1:g} N m"
     return [head] + [
@@ -169,13 +169,13 @@ def torque_lines(base: Parameters, actuators: Sequence[Actuator]) -> Lines:
 
 
 def torques_text(torques_n_m: Any) -> str:
-    """Torque amplitudes (5,) [N m] as text, without the bodies that are not driven."""
+    """Text of torque amplitudes (5,) [N m], without the bodies that are not driven."""
     pairs = zip(BODIES, torques_n_m, strict=True)
     return ", ".join(f"{body} {torque:+.0f} N m" for body, torque in pairs if torque)
 
 
 def demand_lines(demands: Sequence[TorqueDemand], T_1: float) -> Lines:
-    """Torque that each actuator needs for each target at phase 0 and at its best phase."""
+    """Lines on the torque that each actuator needs for each target, at phase 0 and at the best."""
     lines = []
     for name in dict.fromkeys(demand.actuator.name for demand in demands):
         for target in TARGETS:
@@ -187,7 +187,7 @@ def demand_lines(demands: Sequence[TorqueDemand], T_1: float) -> Lines:
 
 
 def demand_text(demand: TorqueDemand, T_1: float) -> str:
-    """Amplitude and torque of a demand, also in units of the rated torque T_1 [N m]."""
+    """Text of phase, K and torque of a demand; the torque also over the rated T_1 [N m]."""
     if not np.isfinite(demand.K):
         return f"phase {demand.phase:+.2f}: nothing firm up to K = {demand.largest:g}"
     times = demand.torque_n_m / T_1
@@ -198,7 +198,7 @@ def demand_text(demand: TorqueDemand, T_1: float) -> str:
 
 
 def share_lines(shares: Sequence[StartShares]) -> Lines:
-    """A line per place: shares of starts with unequal halves that reach the motions."""
+    """Line per delta_T and K: fractions of starts with unequal halves that reach each motion."""
     lines = []
     for place in dict.fromkeys((s.values["delta_T"], s.values["K"]) for s in shares):
         texts = [
@@ -212,7 +212,7 @@ def share_lines(shares: Sequence[StartShares]) -> Lines:
 
 
 def survival_lines(cases: Sequence[Survival]) -> Lines:
-    """A line per motion and parameter that differs: distance of the halves, starts."""
+    """Line per motion and differing parameter: period, left-right distance, starts reaching it."""
     lines = []
     for wanted, what in dict.fromkeys((s.wanted, s.what) for s in cases):
         texts = [

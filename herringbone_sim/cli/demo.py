@@ -30,7 +30,7 @@ def run(
     out: Annotated[Folder, "folder to write to"] = Path("demo"),
     force: Annotated[bool, "replace the folder if it is there"] = False,
 ) -> int:
-    """Run all steps; exit code 0, HerringboneError if one fails."""
+    """Run all steps of the demo; exit code 0, HerringboneError if one fails or ``out`` exists."""
     out = out.resolve()
     if Path.cwd().is_relative_to(out):
         raise RecordingError(f"{out} is where you are, or above it: name another --out")
@@ -63,7 +63,7 @@ def run(
 
 
 def experiment(out: Path, run: Path) -> None:
-    """Run node and control experiment, each in its process; HerringboneError if one fails.
+    """Run node and control experiment, each as a process; HerringboneError if one fails.
 
     Args:
         out: folder of the demo.
@@ -100,7 +100,7 @@ def experiment(out: Path, run: Path) -> None:
 
 
 def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:
-    """Wait until the node records; HerringboneError if it ends or takes too long."""
+    """Wait until the run folder exists; HerringboneError if the node ends, or after 60 s."""
     limit = time.monotonic() + NODE_WAIT_S
     while not run.exists():
         if node.poll() is not None or time.monotonic() > limit:
@@ -109,7 +109,7 @@ def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:
 
 
 def verb(name: str, *arguments: str, check: bool = True) -> int:
-    """Print and run a verb in its own process; its exit code, HerringboneError if it fails."""
+    """Run a verb as a process, return its exit code; with ``check``, HerringboneError unless 0."""
     heading(f"{name} {' '.join(arguments)}")
     code = subprocess.run([*python("herringbone_sim"), name, *arguments], check=False).returncode
     if check and code:
@@ -118,7 +118,7 @@ def verb(name: str, *arguments: str, check: bool = True) -> int:
 
 
 def python(module: str) -> list[str]:
-    """Command that runs a module in this interpreter, without warnings on the gear."""
+    """Command line that runs a module with this interpreter, user warnings ignored."""
     return [sys.executable, "-W", "ignore::UserWarning", "-m", module]
 
 
@@ -134,5 +134,5 @@ def config(name: str) -> str:
 
 
 def heading(text: str) -> None:
-    """Print a line between the outputs of the steps."""
+    """Print a heading between the outputs of the steps."""
     print(f"\n== {text}", flush=True)

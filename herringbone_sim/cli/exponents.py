@@ -40,8 +40,8 @@ from herringbone_sim.views.figures.style import PARAMETER_SYMBOLS, save
 from herringbone_sim.views.tables.csv_file import write_csv
 
 Row = tuple[str, str, float, float]
-LEAST = 300  # cycles
-STEPS = 5  # methods
+LEAST = 300  # smallest --cycles
+STEPS = 5  # steps of the progress bar, one per method
 HEAD = ("method", "quantity", "value", "error")
 EXAMPLES = """\
 python -m herringbone_sim exponents --set delta_T=20 \\
@@ -83,7 +83,7 @@ def run(
 
 
 def table(comparison: ExponentComparison) -> list[Row]:
-    """Rows (method, quantity, value, standard error); NaN for an unknown error."""
+    """Rows (method, quantity, value, standard error), exponents per tau; NaN: error unknown."""
     spectrum, symmetric = comparison.spectrum, comparison.symmetric
     name, growth = "tangent flow", spectrum
     if symmetric is not None:
@@ -114,7 +114,7 @@ def _rows(method: str, name: str, growth: Growth) -> list[Row]:
 
 
 def text(rows: Sequence[Row]) -> str:
-    """The rows as aligned text, without those whose value is unknown."""
+    """Aligned text table of the rows, without those whose value is unknown."""
     lines = [f"{HEAD[0]:22s}{HEAD[1]:26s}{HEAD[2]:>10s}{HEAD[3]:>10s}"]
     for method, name, value, error in rows:
         if np.isfinite(value):

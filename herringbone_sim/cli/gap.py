@@ -65,10 +65,10 @@ def run(
         f"mirror to the Rerun viewer: {FORMS} [save; save writes DIR/gap.rrd]",
     ] = None,
 ) -> int:
-    """Diagnose a campaign: print residuals and verdict, write all files of the help to ``out``.
+    """Diagnose a campaign: print residuals and verdict, write the files of the report to ``out``.
 
-    The gear of ``nominal`` is taken as the full model, whatever model its file names. With
-    ``rerun`` the result is mirrored too.
+    The gear of ``nominal`` gets the model ``full``, whatever model its file names. With ``rerun``
+    the result is also sent to the Rerun viewer.
 
     Returns:
         Exit code 0.
@@ -97,7 +97,10 @@ def run(
 
 
 def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
-    """Print and write the nominal residual of every run that has forces."""
+    """Print the RMS residual of the nominal model for each run, and write it by mesh to a CSV.
+
+    Of a run without a residual, the reason is printed and nothing is written.
+    """
     print(f"{'run':10s} {'role':9s} {'residual [N]':>13s} {'of force':>9s}  largest mesh (share)")
     printed: set[str] = set()
     rows: list[list[str]] = []
@@ -120,7 +123,7 @@ def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
 
 
 def residual_line(run: CampaignRun, residual: ForceResidual) -> str:
-    """RMS residual of a run in N and as a share of the force, and the mesh with the most of it."""
+    """Line on a run: RMS residual [N], its ratio to the RMS force, and the worst mesh."""
     total = float((residual.residual_n**2).mean() ** 0.5)
     force = float((residual.force_n**2).mean() ** 0.5)
     worst = int(residual.shares.argmax())
@@ -159,7 +162,7 @@ def summary(report: Report) -> str:
 
 
 def _value(name: str, value: Estimate) -> str:
-    """A parameter with its interval, or an option."""
+    """Text of a parameter of an effect with its 90 % interval, or of an option."""
     if value.ci90 is None:
         shown = list(value.value) if isinstance(value.value, tuple) else value.value
         return f"{name} {shown}"
@@ -168,7 +171,7 @@ def _value(name: str, value: Estimate) -> str:
 
 
 def forces_line(reconstructed: ReconstructedForces) -> str:
-    """RMS force of sun and ring meshes with half its 90 % band, from few sensors."""
+    """Line on the reconstructed forces: largest RMS and half 90 % band of sun and ring meshes."""
     parts, forces = [], forces_to_dict(reconstructed)
     for kind in KINDS:
         of = [mesh for name, mesh in forces["meshes"].items() if name.startswith(kind)]
@@ -178,7 +181,7 @@ def forces_line(reconstructed: ReconstructedForces) -> str:
 
 
 def next_line(experiment: NextExperiment) -> str:
-    """The operating point to measure next, and why."""
+    """Line with the operating point to measure next, and the reason."""
     point = ", ".join(f"{name} {experiment.point[name]:g}{unit}" for name, unit in POINT.items())
     return f"next to run: {point}; {experiment.why}"
 
@@ -197,7 +200,7 @@ def sense_line(gap: Gap) -> str:
 
 
 def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diagnosis) -> str:
-    """Send a diagnosis to the viewer; a line that says where it went, or why that failed."""
+    """Send a diagnosis to the Rerun viewer; return a line on where it went or why that failed."""
     try:
         from herringbone_sim.views.mirror.gap import mirror
         from herringbone_sim.views.mirror.sink import open_sink
@@ -210,6 +213,6 @@ def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diag
         finally:
             sink.close(CLOSE_S)
     except Exception as error:
-        # A failure of the viewer must not end the program before the report is complete.
+        # The report is written already: a failing viewer must not end the verb with an error.
         return f"not mirrored: {error}"
     return f"mirrored to {sink.address}"

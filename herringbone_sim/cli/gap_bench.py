@@ -40,7 +40,7 @@ python -m herringbone_sim gap bench --seeds 820000:820002 --noise coloured,encod
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingOptions:
-    """Distribution that campaigns are drawn from, see ``Setting``."""
+    """Options of the distribution from which campaigns are drawn, see ``Setting``."""
 
     snr: Annotated[Numbers, "DB,...", "noise, a list to draw from"] = (40.0,)
     noise: Annotated[Names, "KINDS", ", ".join(NOISES)] = ("white",)
@@ -71,7 +71,13 @@ def run(
     ] = False,
     pool: Pool = Pool(),
 ) -> int:
-    """Run missing campaigns, then print and write the table; exit code 0."""
+    """Diagnose missing campaigns, then print and write the table; exit code 0.
+
+    With ``table`` nothing is diagnosed; several folders only get an overview printed.
+
+    Raises:
+        AnalysisError: nothing to diagnose or print, or seeds that the judge was fitted on.
+    """
     if not table:
         if seeds is None or out is None:
             raise AnalysisError("a bench needs --seeds and --out, a stored one --table: give them")
@@ -95,10 +101,11 @@ def run(
 
 
 def write_results(folder: Path, calibration_family: bool) -> None:
-    """Write the tables of a bench folder into it, and print the main one.
+    """Write table.md, table.csv and cases.csv into a bench folder, and print the first.
 
     Args:
-        calibration_family: allow seeds that the thresholds were frozen on.
+        folder: folder with the diagnosed campaigns.
+        calibration_family: allow seeds that the weights of the judge were fitted on.
     """
     seen = _seeds_of(folder, calibration_family)
     results = read_bench(folder)
@@ -111,14 +118,14 @@ def write_results(folder: Path, calibration_family: bool) -> None:
 
 
 def _seeds_of(folder: Path, calibration_family: bool) -> SeedOverlap:
-    """Seeds of a bench folder that thresholds were frozen on; see ``check_seeds``."""
+    """Overlap of a bench folder's seeds with those that the judge's weights were fitted on."""
     note = read_json(folder / "bench.json")
     allowed = calibration_family or bool(note.get("calibration_family"))
     return check_seeds(note.get("seeds", ()), allowed)
 
 
 def setting_from(options: SettingOptions) -> Setting:
-    """Distribution that campaigns are drawn from; ParameterError for an unknown value."""
+    """Distribution of the campaigns that the options set; ParameterError for an invalid value."""
     if not all(number.is_integer() for number in options.samples):
         raise ParameterError(f"--samples takes whole numbers, got {options.samples}")
     return Setting(

@@ -32,7 +32,10 @@ def run(
     setting: SettingOptions = SettingOptions(),
     pool: Pool = Pool(),
 ) -> int:
-    """Diagnose missing campaigns, fit and write the weights, print the scores; exit code 0.
+    """Fit the weights of the judge to evidence, write them and print their scores; exit code 0.
+
+    The evidence is read from ``evidence``; else campaigns of ``seeds`` that ``folder`` lacks are
+    diagnosed first, and the evidence is written there.
 
     Raises:
         AnalysisError: neither seeds with a folder nor evidence is given.

@@ -29,13 +29,13 @@ python -m herringbone_sim gap live --rig /rig --noise 0.01
 """
 Seconds = Annotated[float, "S", limits(gt=0.0)]
 CLEAR = "\x1b[H\x1b[J"
-Output = Callable[[Any, tuple[str, ...]], None]  # of a comparison and the topics with samples
+Output = Callable[[Any, tuple[str, ...]], None]  # shows a comparison; topics with samples
 
 
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What is compared, and how often it is shown."""
+    """Options: the topics to compare, and how often the comparison is shown."""
 
     rig: Annotated[str, "PREFIX", "prefix of the topics of the rig"] = "/rig"
     sim: Annotated[str, "PREFIX", "prefix of the topics of the simulator"] = "/herringbone_sim"
@@ -60,7 +60,7 @@ class Options:
 
 
 def run(*, options: Options = Options()) -> int:
-    """Listen and print until Ctrl-C or the end of the time; exit code 0, 2 without ROS."""
+    """Compare rig and simulator until Ctrl-C or the time limit; exit code 0, 2 without ROS."""
     target = mirror_target(options.rerun, Path("gap_live.rrd"))
     try:
         from herringbone_sim.ros.gap_live import Plan, listen
@@ -89,7 +89,7 @@ def run(*, options: Options = Options()) -> int:
 
 
 def table_printer() -> Output:
-    """Output that prints each comparison as a table in the place of the one before."""
+    """Return an output that clears the terminal and prints each comparison as a table."""
     from herringbone_sim.views.mirror.live_text import table
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:
@@ -99,9 +99,9 @@ def table_printer() -> Output:
 
 
 def line_printer(every_s: float) -> Output:
-    """Output that prints a comparison as one line, at most every ``every_s`` seconds.
+    """Return an output that prints a comparison as one line, at most every ``every_s`` seconds.
 
-    The first comparison with a residual, also after one was lost, is printed at once.
+    A comparison with a residual is printed at once if the line before had none.
     """
     from herringbone_sim.views.mirror.live_text import line
 
@@ -119,7 +119,7 @@ def line_printer(every_s: float) -> Output:
 
 
 def other_topics(picture: Any, topics: tuple[str, ...]) -> str:
-    """Line on other topics with samples; empty unless the rig or the simulator is silent."""
+    """Line on other topics with samples; empty once rig and simulator have sent some."""
     expected = {picture.rig.topic, picture.simulator.topic}
     others = [topic for topic in topics if topic not in expected]
     silent = picture.rig.age_s is None or picture.simulator.age_s is None

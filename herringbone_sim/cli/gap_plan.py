@@ -50,13 +50,13 @@ python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s
 """
 RUNS = 5  # fit runs of a practice rig, of eight
 SAMPLES = 24  # per mesh cycle
-STEPS = 3  # of the progress of a plan
+STEPS = 3  # progress steps of one plan
 
 
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Sensors and runs that are planned."""
+    """Options of a plan: the rig, its sensors and its runs."""
 
     nominal: Annotated[File, "parameters of the rig"]
     sensors: Annotated[Names, "channels, such as u_s_L,u_s_R,u_c"]
@@ -80,7 +80,7 @@ class Options:
 
 
 def run(*, options: Options) -> int:
-    """Plan, print the tables, write plan.json and plan.html; exit code 0."""
+    """Plan the sensors, print the tables, write plan.json and plan.html; exit code 0."""
     nominal = load_parameters(options.nominal).changed(
         {"model": "full", "samples_per_cycle": options.samples}
     )
@@ -108,7 +108,14 @@ def run(*, options: Options) -> int:
 
 
 def noise_of(text: str) -> SensorNoise:
-    """Noise of a text such as ``40dB,u=1e-7,F_pin=30dB``; ParameterError for another form."""
+    """Parse the noise of the sensors from a text such as ``40dB,u=1e-7,F_pin=30dB``.
+
+    A value in dB is below the RMS of a channel, a number is the RMS of the noise in SI units. A
+    name is the beginning of channel names; dB without a name hold for all other channels.
+
+    Raises:
+        ParameterError: another form, or a value that is not positive.
+    """
     share, shares, values = 0.01, {}, {}
     for part in names_of(text):
         name, equals, value = part.rpartition("=")
@@ -132,10 +139,10 @@ def noise_of(text: str) -> SensorNoise:
 
 
 def point_of(text: str, nominal: Parameters) -> dict[str, float]:
-    """Operating point of a text such as ``delta_T=75,K=0``; other values as in ``nominal``.
+    """Parse an operating point such as ``delta_T=75,K=0``; values not given are the nominal ones.
 
     Raises:
-        ParameterError: another name, or a value that is no number.
+        ParameterError: another name, or a value that is not a finite number.
     """
     point = {name: float(getattr(nominal, name)) for name in POINT}
     for part in names_of(text):
@@ -154,7 +161,7 @@ def point_of(text: str, nominal: Parameters) -> dict[str, float]:
 
 
 def default_points() -> list[dict[str, float]]:
-    """Operating points of the fit runs of a practice rig: the middles of their ranges."""
+    """Operating points of the fit runs of ``rig make``, in the middle of their random ranges."""
     names = ("delta_T", "K", "T_1", "Omega")
     return [
         {n: 0.5 * (low + high) for n, (low, high) in zip(names, ranges, strict=True)}
@@ -163,7 +170,7 @@ def default_points() -> list[dict[str, float]]:
 
 
 def table(plan: Plan) -> str:
-    """Text: per effect the sizes from which it is named, and the effect it is confused with."""
+    """Text table, a row per effect: sizes from which it is named, and the closest other effect."""
     lines = [
         f"{sensors_text(plan)}: {', '.join(plan.observations)}, {plan.count:.0f} values",
         f"{'effect':22s}{'named from':>14s}{'(best place)':>26s}{'half of them':>14s}  "
@@ -183,7 +190,7 @@ def table(plan: Plan) -> str:
 
 
 def also_table(base: Plan, further: Mapping[str, Plan]) -> str:
-    """Text: what each further sensor adds to a plan, the best first."""
+    """Text with a line per additional sensor on its benefit, the most useful sensor first."""
     now = f"{named_effects(base)} of {len(base.effects)} effects are named at a moderate size"
     return "\n".join([f"{now}; one further sensor:", *starmap(also_line, _by_gain(base, further))])
 
@@ -194,7 +201,7 @@ def _by_gain(base: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Pla
 
 
 def also_line(name: str, plan: Plan, factor: float) -> str:
-    """What a further sensor adds: effects named with it, and the factor on their sizes."""
+    """Line on one additional sensor: effects named with it, and the factor by which sizes fall."""
     return (
         f"  {name:10s} {named_effects(plan):3d} of {len(plan.effects)} named, sizes fall by a "
         f"factor of {factor:.2f}"

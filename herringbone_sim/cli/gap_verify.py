@@ -38,7 +38,7 @@ def run(
     report: Annotated[Folder, "folder that `gap` wrote"],
     out: Out,
 ) -> int:
-    """Measure, print the table, and write verify.json and verify.html; exit code 0."""
+    """Measure the gap on further runs, print it, write verify.json and .html; exit code 0."""
     earlier = read_report(report / "report.json")
     own, actives = load_gear(report / "augmented.yaml")
     gear = load_parameters(nominal).changed({"model": "full"})
@@ -55,7 +55,7 @@ def run(
 
 
 def table(result: Repetition) -> str:
-    """Text: the gap in each sense on these runs and, below it, in the report."""
+    """Text table: the gap by each measure, on these runs and below it as in the report."""
     earlier, gaps = result.earlier, result.senses.gaps
     effects = ", ".join(earlier.effects) or "no effect"
     lines = [

@@ -24,14 +24,14 @@ python -m herringbone_sim info runs/first
 
 
 def run(run: Run, /, *, json: Annotated[bool, "print JSON, for other programs"] = False) -> int:
-    """Print the summary of a run; RecordingError if it can't be read."""
+    """Print the summary of a run, exit code 0; RecordingError if it can't be read."""
     info = recording_info(run)
     print(as_json(info) if json else as_page(info))
     return 0
 
 
 def as_json(info: RunInfo) -> str:
-    """All fields as one JSON object; numbers that are not finite become null."""
+    """Summary of a run as one JSON object; numbers that are not finite become null."""
     content = asdict(info) | {"path": str(info.path), "missing_samples": info.missing}
     return json.dumps(_plain(content), indent=2, allow_nan=False)
 
@@ -49,7 +49,7 @@ def _plain(value: Any) -> Any:
 
 
 def as_page(info: RunInfo) -> str:
-    """All fields as aligned text for the terminal, in titled blocks."""
+    """Summary of a run as aligned text for the terminal, in titled blocks."""
     parts = [
         _pairs(_overview(info)),
         _titled("operating point", _operating(info)),
@@ -125,7 +125,7 @@ def _changes(info: RunInfo) -> list[str]:
 
 
 def _printable(value: object) -> str:
-    """A text itself if it is printable, else its representation."""
+    """The value if it is a printable text, else its representation."""
     return value if isinstance(value, str) and value.isprintable() else shown(value)
 
 

@@ -57,7 +57,7 @@ def run(
     out: Out,
     sweep: SweepOptions = SweepOptions(),
 ) -> int:
-    """Run the map, print a summary, draw the pictures; exit code 0.
+    """Compute the map, print a summary, draw the pictures; exit code 0.
 
     Raises:
         ParameterError: there are not exactly two axes with two values or more.

@@ -1,4 +1,4 @@
-"""Kinds of values and options that several verbs share, and the progress bar."""
+"""Types of options that several verbs share, and the progress bar."""
 
 from __future__ import annotations
 
@@ -20,20 +20,25 @@ NO_ROS = (
     "no ROS 2 here ({error}): source /opt/ros/jazzy/setup.bash, or "
     "pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
 )
-LETTERS = 48  # of a step in the progress bar
+LETTERS = 48  # longest name of a step in the progress bar
 FORMS = "spawn, connect[=HOST:PORT], serve[=[HOST:]PORT], save[=FILE.rrd]"
 MODES = tuple(form.partition("[")[0] for form in FORMS.split(", "))
 
-flattened = Parameter(name="*")  # of a dataclass whose fields are options
+flattened = Parameter(name="*")  # decorates a dataclass whose fields are options
 
 
 def limits(**limits: float) -> Parameter:
-    """Range of the number that an option takes, as ``gte=0, lt=1``."""
+    """Annotation that restricts the number of an option, such as ``gte=0, lt=1``."""
     return Parameter(validator=Number(**limits))
 
 
 def one_of(title: str, least: int = 1) -> Parameter:
-    """Group of options of which one is given, or with ``least`` 0 at most one."""
+    """Annotation that puts options into a group of which one, or with ``least`` 0 at most one, is
+    given.
+
+    Args:
+        title: title of the group in the help.
+    """
 
     def check(arguments: ArgumentCollection) -> None:
         names = [argument.name for argument in arguments]
@@ -54,7 +59,7 @@ def _whole(_: Any, tokens: Sequence[Token]) -> int:
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """Names of a comma-separated list."""
+    """Split a comma-separated list into names, without empty ones."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -95,7 +100,7 @@ Discarded = Annotated[Count, "mesh cycles to discard first"]
 
 @dataclass(frozen=True, kw_only=True)
 class RandomStarts:
-    """Random initial states; how many, and the transient, have defaults in the verbs."""
+    """Options of random initial states; verbs set the defaults of ``starts`` and ``transient``."""
 
     starts: Starts
     reach: Annotated[
@@ -108,17 +113,18 @@ class RandomStarts:
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pool:
-    """What runs many tasks: threads, or a cluster."""
+    """Options of what runs many tasks: threads, or a Dask cluster."""
 
     workers: Workers = 2
     scheduler: Scheduler = None
 
 
 def mirror_target(text: str | None, file: Path) -> MirrorTarget | None:
-    """Target of the value of ``--rerun``; None if there is none.
+    """Parse the value of ``--rerun``; None if there is none.
 
     Args:
-        file: written by ``save`` without a name.
+        text: value of the option, such as ``connect=HOST:PORT``.
+        file: file that ``save`` without a name writes.
 
     Raises:
         ParameterError: a text of another form.
@@ -135,7 +141,7 @@ def mirror_target(text: str | None, file: Path) -> MirrorTarget | None:
 
 @contextmanager
 def progress(steps: int, unit: str = "step") -> Iterator[Callable[[str], None]]:
-    """Progress bar on a terminal; yields a function that takes the name of each step."""
+    """Context with a progress bar; yields a function to call with the name of each step begun."""
     with tqdm(total=steps, unit=unit, disable=None) as bar:
 
         def step(text: str) -> None:

@@ -47,7 +47,7 @@ python -m herringbone_sim orbits --over delta_T --from 70 --to 90 --start 85 72 
 
 
 def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
-    """Convert texts such as ``85`` or ``85:2`` for cyclopts, which passes them as tokens.
+    """Parse texts such as ``85`` or ``85:2``, which cyclopts passes as tokens.
 
     Returns:
         Pairs of the value of the parameter and the period in periods of the forcing; None for a
@@ -72,7 +72,7 @@ def _starts(_: Any, tokens: Sequence[Token]) -> tuple[Start, ...]:
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Range and starts of the orbits."""
+    """Options: the range of the parameter and the starts of the orbits."""
 
     over: Annotated[str, Parameter(choices=SWEPT), "parameter"]
     low: Annotated[Low, "end of the range"]

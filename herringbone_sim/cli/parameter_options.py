@@ -36,7 +36,7 @@ Effects = Annotated[
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GearOptions:
-    """The gear that a verb works on; ``gear_from`` reads it."""
+    """Options that define the gear of a verb; ``gear_from`` loads it."""
 
     parameters: Annotated[
         File | None, "parameter file, such as config/paper.yaml (default: the nominal rig)"
@@ -46,7 +46,7 @@ class GearOptions:
 
 
 def gear_from(gear: GearOptions) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters of the file changed by ``--set``; effects of the option, else of the file.
+    """Load parameters, changed by ``--set``, and effects, of ``--effects`` or else of the file.
 
     Raises:
         ParameterError: no such file, name or effect, or a value out of range.
@@ -61,13 +61,13 @@ def effects_from(text: str | None, of_file: tuple[Active, ...]) -> tuple[Active,
 
 
 def model_from(gear: GearOptions) -> Model:
-    """Model of the gear of ``gear_from``; ParameterError if it can't be built."""
+    """Build the model of the gear that the options define; ParameterError if it can't be built."""
     return build_with(*gear_from(gear))
 
 
 def print_gear_notes(model: Model) -> None:
-    """Print the effects of a gear, and a line if its halves differ: there are no transverse
-    exponents then."""
+    """Print the effects of a gear, and a line if left and right differ, as then there are no
+    transverse exponents."""
     if model.effects:
         print(f"with effects: {effects_text(model.effects)}")
     if not has_equal_halves(model):
@@ -75,7 +75,7 @@ def print_gear_notes(model: Model) -> None:
 
 
 def settings(texts: Sequence[str]) -> dict[str, Any]:
-    """Values by name from texts ``NAME=VALUE``; of a repeated name the last one.
+    """Parse texts ``NAME=VALUE`` into values by name; the last text on a name counts.
 
     Raises:
         ParameterError: a text of another form, or an unknown name.

@@ -30,12 +30,12 @@ def run(
         File | None, "instead: read a parameter file, describe its gear and what is unusual in it"
     ] = None,
 ) -> int:
-    """Print the table, or check a file; exit code 0."""
+    """Print the table of all parameters, or check a parameter file; exit code 0."""
     return check_file(check) if check else print_table()
 
 
 def check_file(file: Path) -> int:
-    """Print the gear that a node gets from a parameter file, and the warnings it would give.
+    """Print the gear that a node builds from a parameter file, and its warnings; exit code 0.
 
     Raises:
         ParameterError: the file can't be read, or no model can be built from it.
@@ -60,7 +60,7 @@ def check_file(file: Path) -> int:
 
 
 def print_table() -> int:
-    """Print all parameters; a star marks those that may change while the model runs."""
+    """Print all parameters, a star before those that may change during a run; exit code 0."""
     for name in names():
         about = meaning(name)
         default = Parameters.__dataclass_fields__[name].default

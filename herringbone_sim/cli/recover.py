@@ -35,7 +35,7 @@ def run(
 
 
 def as_text(report: RecoveryReport) -> str:
-    """The report in sentences, one a line."""
+    """Text of a recovery report, one sentence per line."""
     return "\n".join([_verdict(report), _content(report), *_missing(report)])
 
 

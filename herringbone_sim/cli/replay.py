@@ -33,7 +33,7 @@ WHAT = one_of("what to do, one of")
 @Parameter(name="*", group="with --publish")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sending:
-    """Options as ``ros2 bag play`` has them."""
+    """Options of publishing, named as those of ``ros2 bag play``."""
 
     speed: Annotated[float, "FACTOR", "recorded over wall time"] = 1.0
     start: Annotated[
@@ -59,9 +59,11 @@ def run(
     publish: Annotated[bool, WHAT, "send over the topics"] = False,
     sending: Sending = Sending(),
 ) -> int:
-    """Repeat or publish the run.
+    """Integrate a recorded run again and compare it, or publish it over ROS topics.
 
-    Exit code 0; 1 if the repetition differs; 128 plus the signal that ended the publishing.
+    Returns:
+        Exit code: 0; 1 if the repetition differs from the recording; 128 plus the number of the
+        signal that ended the publishing.
     """
     given = [
         field.name for field in fields(sending) if getattr(sending, field.name) != field.default

@@ -53,7 +53,7 @@ python -m herringbone_sim reproduce --out reproduction
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepSizes:
-    """Number of values of the sweeps."""
+    """Options: number of values of the sweeps."""
 
     values: Annotated[Count, limits(gte=2), "values of a sweep"] = 400
     compared: Annotated[
@@ -71,7 +71,7 @@ def run(
     effects: Effects = None,
     workers: Workers = 2,
 ) -> int:
-    """Run the scenarios, write page, tables and figures, print the statements; exit code 0."""
+    """Reproduce the scenarios: write page, tables and figures, print statements; exit code 0."""
     if sizes.compared == 1:
         raise AnalysisError("--compared must be 2 or more, or 0 for none, got 1")
     scenarios = reproduction.scenarios_of(only)
@@ -103,7 +103,7 @@ def run(
 
 
 def _total(scenarios: Sequence[Scenario], sizes: SweepSizes) -> int:
-    """Number of runs if every boundary can be bisected."""
+    """Number of simulations, for the progress bar, if every boundary can be bisected."""
     each = sizes.values
     if sizes.compared:
         each += reproduction.compared_runs(sizes.compared)
@@ -125,7 +125,7 @@ def _facts(file: str, values: int, reading: Reading, checked: Sequence[Checked])
 
 
 def _table(checked: Sequence[Checked]) -> list[str]:
-    """Aligned lines: right or not, scenario, statement, published, obtained."""
+    """Aligned line per statement: whether it holds, scenario, text, published and obtained."""
     lines = []
     for c in checked:
         mark = "yes" if c.obtained.ok else " no"
@@ -159,7 +159,7 @@ def _draw(
     points: Sequence[Point],
     rows: Mapping[str, Mapping[str, Sweep]],
 ) -> list[ScenarioFigures]:
-    """Write all figures; returns their names by scenario."""
+    """Write all figures and return their file names and captions for each scenario."""
     folder = out / "figures"
     parts = []
     pair = [(s, sweeps[s.key]) for s in scenarios if not s.has_exponents]
@@ -180,7 +180,7 @@ def _draw(
 
 
 def _motion(folder: Path, point: Point) -> tuple[str, str]:
-    """Write a four-panel figure; its file name and caption."""
+    """Write the four-panel figure of a motion and return its file name and caption."""
     statement, name = point.statement, file_name(point.statement.figure)
     result = recorded(point)
     s = scales(point.parameters)

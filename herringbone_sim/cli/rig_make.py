@@ -28,7 +28,7 @@ python -m herringbone_sim rig make --out rigs/mine --hidden --seed 7
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """The rig and its runs."""
+    """Options: the rig, its runs and sensors."""
 
     out: Annotated[Folder, "campaign to write"]
     labels: Annotated[

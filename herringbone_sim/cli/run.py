@@ -31,7 +31,7 @@ def run(
     version: Annotated[bool, "print the version instead"] = False,
     of_ros: Annotated[Sequence[str], Parameter(parse=False)] = (),
 ) -> int:
-    """Run the node until it ends; its exit code, 2 without ROS."""
+    """Run the simulator node until it ends and return its exit code; 2 without ROS."""
     if version:
         print(VERSION)
         return 0

@@ -33,7 +33,7 @@ TARGET = one_of("where, at most one of", least=0)
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Where a run is shown, the picture, and the thinning of long runs."""
+    """Options: where a run is shown, the picture, and the thinning of long runs."""
 
     spawn: Annotated[bool, TARGET, "open a viewer (the default)"] = False
     save: Annotated[Path | None, "FILE.rrd", TARGET, "write a file for `rerun`"] = None
@@ -70,7 +70,7 @@ def run(run: Run, /, *, options: Options = Options()) -> int:
 
 
 def mode_of(options: Options) -> str:
-    """Mode of the mirror that the options ask for; a picture alone needs no viewer."""
+    """Mode of the mirror by the options: serve, connect, spawn or, for a picture alone, save."""
     if options.serve:
         return "serve"
     if options.connect or options.spawn:
@@ -79,7 +79,12 @@ def mode_of(options: Options) -> str:
 
 
 def mirror_run(run: Path, options: Options, mode: str, rrd: Path) -> None:
-    """Send a recording through the mirror; raises HerringboneError when that fails."""
+    """Send a recording through the mirror; HerringboneError if not all of it was shown.
+
+    Args:
+        mode: mode of ``MirrorTarget``.
+        rrd: file to write in mode ``save``.
+    """
     from herringbone_sim.recording.reader import read_recording
     from herringbone_sim.views.mirror.block import Drawing
     from herringbone_sim.views.mirror.mirror import RerunMirror
@@ -109,7 +114,7 @@ def mirror_run(run: Path, options: Options, mode: str, rrd: Path) -> None:
 
 
 def wait_for_interrupt(address: str) -> None:
-    """Keep serving until Ctrl-C."""
+    """Print the address that viewers can open, and wait until Ctrl-C."""
     print(f"serving, open it with: rerun '{address}'    (Ctrl-C ends)", flush=True)
     try:
         while True:
@@ -119,7 +124,7 @@ def wait_for_interrupt(address: str) -> None:
 
 
 def draw(rrd: Path, png: Path, size: tuple[int, int]) -> None:
-    """Write a picture of a .rrd file."""
+    """Write a PNG of a .rrd file, for a window of the given size (width, height)."""
     from herringbone_sim.views.mirror.screenshot import take_screenshot
 
     take_screenshot(rrd, png, size)
@@ -127,7 +132,7 @@ def draw(rrd: Path, png: Path, size: tuple[int, int]) -> None:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Width and height of ``WxH``; raises ParameterError."""
+    """Parse ``WxH`` into width and height; ParameterError for another form."""
     width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
         raise ParameterError(f"--size must read WxH, got {text!r}: try 1400x900")

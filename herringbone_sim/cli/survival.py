@@ -60,7 +60,7 @@ python -m herringbone_sim survival --over delta_T --from 60 --to 90 --values 7 \
 @flattened
 @dataclass(frozen=True, kw_only=True)
 class Options(RandomStarts):
-    """Values of the parameter, and the starts at each."""
+    """Options: values of the parameter, and the random starts at each."""
 
     over: Annotated[str, "NAME", "parameter, such as delta_T, xi, K"]
     low: Annotated[Low, "first value"]
@@ -77,10 +77,10 @@ def run(
     workers: Workers = 2,
     out: Out,
 ) -> int:
-    """Run all values, print and write the table, draw the figure; exit code 0.
+    """Simulate all values, print and write the table, draw the figure; exit code 0.
 
     Raises:
-        AnalysisError: a range that does not rise.
+        AnalysisError: the first value is not less than the last.
     """
     low, high, name = options.low, options.high, options.over
     if not low < high:
@@ -123,7 +123,7 @@ def table(values: Array, results: Sequence[Survival]) -> list[tuple[Any, ...]]:
 
 
 def text(name: str, values: Array, results: Sequence[Survival]) -> str:
-    """Table as aligned text: motion from rest, shares of the starts, exponents per tau."""
+    """Aligned text table: motion from rest, fractions of the starts, exponents per tau."""
     head = ("from rest", "reached by", "alike", "differ", "chaotic", "within", "transverse")
     lines = [f"{name:>9s}  {head[0]:16s}" + "".join(f"{title:>11s}" for title in head[1:])]
     for value, result in zip(values, results, strict=True):

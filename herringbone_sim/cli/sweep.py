@@ -90,7 +90,7 @@ def run(
 
 
 def _same_but_start(folder: Path, store: Store) -> list[Store]:
-    """All sweeps in a folder, also of earlier runs, that differ from one in the start only."""
+    """All stored sweeps in a folder that equal that of ``store`` but for start and chunk size."""
     paths = [folder / way for way in STARTS if (folder / way / FILE).exists()]
     stores = map(load_store, paths)
     return [

@@ -1,4 +1,4 @@
-"""Options of verbs that run sweeps, the observation that they ask for, and their summary."""
+"""Options of verbs that run sweeps, and functions that apply them, run and summarise."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, Store
 
-CHAIN = 16  # values of a part of a continuation
-SINGLE = 16  # values of a part of a gear that is not integrated in lanes
-LEAST_SHARE = 5e-4  # of the values; rarer periods are not printed
-REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a period of two is found too
-LONGEST = 100  # mesh cycles of a period of the effects up to which so many are observed
+CHAIN = 16  # values stored together in a continuation
+SINGLE = 16  # the same for a gear that is not integrated in lanes
+LEAST_SHARE = 5e-4  # fraction of the values; rarer periods are not printed
+REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a motion of two is detected too
+LONGEST = 100  # longest period of the effects [mesh cycles] of which REPEATS are observed
 SEEN = Observation()
 
 
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepOptions:
-    """The observation, and the threads or the cluster of a sweep."""
+    """Options of a sweep: what is observed at each value, and on which cores or cluster."""
 
     transient: Annotated[Cycles, "mesh cycles to discard at each value"] = SEEN.transient
     cycles: Annotated[
@@ -56,7 +56,11 @@ class SweepOptions:
 
 
 def chunk_from(options: SweepOptions, start: str = "fixed", effects: str = "") -> int:
-    """Values of a part of a sweep: ``--chunk``, or as many as take a few seconds."""
+    """Number of values of a sweep that are computed and stored together.
+
+    That of ``--chunk``, else a default of a few seconds: smaller for a continuation, or for
+    effects (as text) that no slot of the kernel holds.
+    """
     if options.chunk is not None:
         return options.chunk
     if start != "fixed":
@@ -65,13 +69,16 @@ def chunk_from(options: SweepOptions, start: str = "fixed", effects: str = "") -
 
 
 def swept_gear(gear: GearOptions) -> tuple[Parameters, str]:
-    """Parameters, with the steps of a sweep unless the user set others, and effects."""
+    """Parameters of the gear to sweep, and its effects as text.
+
+    The integration steps are those of a sweep unless ``--set`` names them.
+    """
     base, actives = gear_from(gear)
     return with_sweep_steps(base, settings(gear.set)), effects_text(actives)
 
 
 def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:
-    """How long each value is observed; prints a line where that is too short to find a period.
+    """Build the observation at each value of a sweep; print a line if it can detect no period.
 
     Args:
         mesh: mesh whose section displacements are stored.
@@ -92,12 +99,18 @@ def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Obse
 def observation_of_gear(
     options: SweepOptions, gear: tuple[Parameters, str], axes: Sequence[Axis], mesh: str
 ) -> Observation:
-    """``observation_from`` with the period of a gear's effects; prints the notes on the gear."""
+    """Build the observation for a gear, long enough for the period of its effects; print notes.
+
+    Args:
+        gear: parameters, and effects as text.
+        axes: the gear is built at the first value of each; if that fails, the period of the
+            effects is ignored.
+    """
     base, effects = gear
     try:
         p = base.changed({axis.name: axis.values[0] for axis in axes})
         model = build_with(p, read_effects(effects))
-    except ParameterError:  # no gear there
+    except ParameterError:  # no gear at this value
         if effects:
             print(f"with effects: {effects}")
         return observation_from(options, mesh)
@@ -106,7 +119,7 @@ def observation_of_gear(
 
 
 def run_all(stores: Sequence[Store], options: SweepOptions) -> None:
-    """Run the missing parts of some sweeps; on Ctrl-C print how many parts are stored."""
+    """Compute the missing parts of sweeps; on Ctrl-C print how many are stored, and re-raise."""
     try:
         run_stores(stores, options.workers or os.cpu_count() or 1, options.scheduler)
     except KeyboardInterrupt:
@@ -119,7 +132,7 @@ def run_all(stores: Sequence[Store], options: SweepOptions) -> None:
 
 
 def print_shares(result: Result) -> None:
-    """Print the share of the values with each period, and the commonest failures."""
+    """Print the fraction of the values with each period, and the five commonest failures."""
     period = result["period"]
     values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
     pairs = zip(values, counts / period.size, strict=True)

@@ -1,4 +1,4 @@
-"""The verbs with a line each, and the text of a call without a verb."""
+"""The verbs with a line on each, and the texts printed without a verb."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def overview(word: str = "") -> str:
     """List of the verbs in groups, each with a line on what it does.
 
     Args:
-        word: that the verbs begin with.
+        word: beginning of the verbs to list; empty for all.
     """
     width = max(map(len, VERBS)) + 2
     lines = [f"usage: {PROGRAM} [--help] [--version] VERB ..."]

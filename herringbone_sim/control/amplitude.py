@@ -1,8 +1,9 @@
 """The least amplitude K at which a motion of a target period is reached, over another parameter.
 
-Motions coexist, so a target names the starts from which the motion must be reached. What a control
-reaches at some K it may lose again at a larger one, so there are three numbers: the least K, the
-least K of a range at least 0.1 wide, and the least K above which the motion is always reached.
+Motions coexist, so a target names the starts from which the motion must be reached. A motion that
+a control reaches at some K may be lost again at a larger K, so there are three numbers: the least
+K, the least K of a range at least 0.1 wide, and the least K above which the motion is always
+reached.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Target:
 
     Attributes:
         period: the motion repeats after so many periods of the forcing (of mesh and control
-            together); one of period 1 also fulfils 2.
+            together); a motion of period 1 also fulfils 2.
         starts: key of ``START_GROUPS``; the motion must be reached from all of these starts.
     """
 
@@ -49,14 +50,14 @@ class Target:
 
 @dataclass(frozen=True)
 class Staircase:
-    """At which amplitudes K a motion is reached.
+    """Amplitudes K at which a motion is reached.
 
     Attributes:
         least: smallest of them; NaN = none.
         firm: first K of the first pocket at least ``FIRM`` wide; NaN = no such pocket.
         held: smallest K above which it is reached at all values; NaN = not at the largest.
         pockets: first and last K of each range in which it is reached.
-        share: share of the values at which it is reached.
+        share: fraction of the values of K at which it is reached.
     """
 
     least: float
@@ -75,7 +76,7 @@ class Survey:
         axis: values of the other parameter.
         K: (m,) amplitudes, increasing.
         starts: kinds and number of starts.
-        states: (n, s, n_state) the starts.
+        states: (n, s, n_state) states at phase 0 at which the control is switched on.
         settings: length of the runs.
         motions: of the n m s runs, in this order.
         forcing: period of the effects in mesh cycles; 1 without effects.
@@ -91,12 +92,12 @@ class Survey:
     forcing: int = 1
 
     def of(self, name: str) -> Array:
-        """An attribute of the motions as (n, m, s)."""
+        """An attribute of ``Motions`` by name, as an array (n, m, s)."""
         shape = (len(self.axis), len(self.K), len(self.starts.names))
         return np.asarray(getattr(self.motions, name)).reshape(shape)
 
     def columns(self, target: Target) -> list[int]:
-        """Indices of the starts of a target."""
+        """Indices of the starts from which a target must be reached."""
         kinds = START_GROUPS[target.starts]
         return [i for i, name in enumerate(self.starts.names) if name in kinds]
 
@@ -122,7 +123,7 @@ class LeastAmplitude:
         value: of the other parameter.
         target: motion to reach.
         staircase: over K; least, firm and held are refined by bisection.
-        half_width: uncertainty of these three.
+        half_width: uncertainty of these three numbers.
     """
 
     value: float
@@ -132,7 +133,9 @@ class LeastAmplitude:
 
 
 def target_cycles(gear: Parameters, period: int, forcing: int = 1) -> int:
-    """Mesh cycles of so many periods of the forcing; 0 if mesh and control have no common period.
+    """Mesh cycles in ``period`` periods of the forcing, that of effects and control together.
+
+    0 if they have no common period.
 
     Args:
         forcing: period of the effects in mesh cycles.
@@ -151,7 +154,7 @@ def run_survey(
     starts: Starts | None = None,
     settings: RunSettings | None = None,
 ) -> Survey:
-    """Run every value of the axis with every K (m,) from every start."""
+    """Integrate the gear at every value of the axis with every K (m,) from every start."""
     starts, settings = starts or Starts(), settings or RunSettings()
     gears = [base.changed({axis.name: value}) for value in axis.values]
     states = start_states(runner, gears, starts)
@@ -162,8 +165,9 @@ def run_survey(
 
 
 def least_amplitudes(runner: MotionRunner, survey: Survey, target: Target) -> list[LeastAmplitude]:
-    """Least amplitudes at each value of the axis of a survey, refined by ``HALVINGS`` bisections
-    of the distance between two K of the survey.
+    """Find the least amplitudes that reach a target, at each value of the axis of a survey.
+
+    ``HALVINGS`` bisections refine the distance between two K of the survey.
     """
     K = survey.K
     stairs = refined(
@@ -175,7 +179,7 @@ def least_amplitudes(runner: MotionRunner, survey: Survey, target: Target) -> li
 
 
 def staircase(K: Array, reached: Flags) -> Staircase:
-    """Staircase of amplitudes (m,) and whether the motion is reached at each (m,)."""
+    """Staircase from amplitudes (m,) and flags (m,) whether the motion is reached."""
     steps = np.diff(np.concatenate([[False], reached, [False]]).astype(int))
     first, last = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1
     pockets = tuple((float(K[a]), float(K[b])) for a, b in zip(first, last, strict=True))
@@ -188,12 +192,12 @@ def staircase(K: Array, reached: Flags) -> Staircase:
 def refined(
     K: Array, rows: Flags, reached: Callable[[Indices, Array], Flags], halvings: int
 ) -> list[Staircase]:
-    """Staircases of n rows whose edges least, firm and held are bisected, all together.
+    """Staircases of n rows, with their edges least, firm and held bisected, all rows together.
 
     Args:
         K: (m,) amplitudes.
         rows: (n, m) whether the motion is reached.
-        reached: whether it is reached (l,) in rows (l,) at further amplitudes (l,).
+        reached: function of row indices (l,) and amplitudes (l,) that tells whether it is reached.
         halvings: number of bisections.
     """
     stairs = [staircase(K, row) for row in rows]
@@ -212,7 +216,7 @@ def refined(
 
 
 def _edges(K: Array, stair: Staircase) -> set[int]:
-    """Indices into K of least, firm and held, except the first of all."""
+    """Indices into K of least, firm and held, except 0: there is nothing to bisect below."""
     ends = [edge for edge in (stair.least, stair.firm, stair.held) if edge > K[0]]
     return {int(np.searchsorted(K, edge)) for edge in ends}
 
@@ -225,7 +229,7 @@ def _moved(stair: Staircase, to: Mapping[float, float]) -> Staircase:
 def _reached(
     runner: MotionRunner, survey: Survey, target: Target, index: Indices, K: Array
 ) -> Flags:
-    """(l,) whether a target is reached at values (l,) of the axis, by index, and K (l,)."""
+    """(l,) whether a target is reached at indices (l,) of the axis with amplitudes K (l,)."""
     columns = survey.columns(target)
     gears = [
         survey.base.changed({survey.axis.name: survey.axis.values[i], "K": float(k)})
@@ -240,7 +244,7 @@ def _reached(
 
 
 def windows(K: Array, periods: Array) -> list[tuple[int, float, float]]:
-    """Ranges of K (m,) with one period: period (0 = aperiodic), first and last K."""
+    """Ranges of K (m,) with equal period (m,): period (0 = aperiodic), first and last K."""
     edges = [0, *(np.flatnonzero(np.diff(periods)) + 1), len(K)]
     return [
         (int(periods[a]), float(K[a]), float(K[b - 1]))

@@ -1,13 +1,13 @@
-"""Torques on the bodies that realise a control of the meshes, in N m.
+"""Torques on the bodies [N m] that realise a control of the meshes.
 
 A torque on a body moves the meshes by Eqs. (15), (16): with u = r_b theta of the bodies,
 
     x_sp'' = cos beta (u_s'' - u_c'' - u_p''),    x_rp'' = cos beta (u_p'' - u_c''),
 
-so a torque on the carrier acts on all four meshes alike, as in Eq. (22); one on a half of the sun
-on its sun mesh alone; one on the planets of a side on their sun and ring meshes with opposite
-signs. Five bodies (the planets of a side count as one) act on four meshes, so a control can be
-realised by many torque vectors, which differ by a rigid rotation of the whole train.
+so a torque on the carrier acts on all four meshes alike, as in Eq. (22); a torque on a half of the
+sun on its sun mesh alone; torques on the planets of a side on their sun and ring meshes with
+opposite signs. Five bodies (the planets of a side count as one) act on four meshes, so a control
+can be realised by many torque vectors, which differ by a rigid rotation of the whole train.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Actuator:
 
     Attributes:
         name: in words.
-        pattern: (4,) shares of K on the equations of sp_L, sp_R, rp_L, rp_R (``control_on``).
+        pattern: (4,) factors of K on the equations of sp_L, sp_R, rp_L, rp_R (``control_on``).
         torques_n_m: (5,) torque amplitude on s_L, s_R, c and on each planet half of the left and
             of the right at K = 1 and angle 0 [N m], signs as the rotation of each body.
     """
@@ -55,19 +55,19 @@ class Actuator:
         return float(np.max(np.abs(self.torques_n_m)))
 
     def controlled(self, gear: Parameters) -> Parameters:
-        """The gear with the control that this actuator realises."""
+        """Parameters of the gear with the control that this actuator realises."""
         return gear.changed({"control_on": self.pattern})
 
 
 def torque_arms(model: Model) -> Array:
-    """(5,) r_b M of s_L, s_R, c and one planet half a side [kg m]: torque over u''."""
+    """(5,) r_b M [kg m] of s_L, s_R, c and a planet half of each side: torque over u''."""
     s, p = model.scales, model.packed
     planets = s.r_bp / p.inv_M_p[:, 0]
     return np.array([*(s.r_bs / p.inv_M_s), s.r_bc * s.M_c, *planets])
 
 
 def mesh_map() -> Array:
-    """(4, 5) x'' / cos beta of the meshes from u'' of s_L, s_R, c, p_L, p_R, Eqs. (15), (16)."""
+    """(4, 5) matrix from u'' of ``BODIES`` to x'' / cos beta of ``MESHES``, Eqs. (15), (16)."""
     return np.array(
         [
             [1.0, 0.0, -1.0, -1.0, 0.0],
@@ -81,14 +81,14 @@ def mesh_map() -> Array:
 def torques_for(model: Model, pattern: Sequence[float], on: Sequence[str] = BODIES) -> Array:
     """Torque amplitudes (5,) [N m] on some bodies that realise a vector K of Eq. (22).
 
-    Of the possible ones, those with the least sum of squares, each half of each planet counted.
+    Of all such torques those with the least sum of squares, where each half of each planet counts.
 
     Args:
         pattern: (4,) K on sp_L, sp_R, rp_L, rp_R.
         on: bodies that may be driven.
 
     Returns:
-        NaN if these bodies cannot realise it.
+        As in ``Actuator.torques_n_m``; NaN if these bodies cannot realise it.
     """
     s, N = model.scales, model.parameters.n_planets
     weight = np.sqrt([1.0, 1.0, 1.0, N, N])
@@ -106,7 +106,7 @@ def torques_for(model: Model, pattern: Sequence[float], on: Sequence[str] = BODI
 
 
 def single_actuators(model: Model) -> list[Actuator]:
-    """Actuators that drive carrier, sun, a half of it, planets, or those of one side.
+    """Actuators on the carrier, the sun, its left half, all planets, and the planets of the left.
 
     Signs are as for the carrier: K > 0 subtracts K cos from the first mesh that is acted on.
     """
@@ -123,7 +123,10 @@ def _alone(model: Model, name: str, bodies: Sequence[str]) -> Actuator:
 
 
 def substitutes(model: Model) -> list[Actuator]:
-    """Actuators with the action of the carrier: sun and planets, and all by least squares."""
+    """Actuators that act on the meshes as one on the carrier does, by torques on other bodies.
+
+    On sun and planets; and on all bodies, with the least sum of squares.
+    """
     paper = (1.0, 1.0, 1.0, 1.0)
     ways = {"sun and planets": ("s_L", "s_R", "p_L", "p_R"), "all, least squares": BODIES}
     return [
@@ -139,8 +142,8 @@ class TorqueDemand:
         actuator: bodies that are driven.
         target: motion to reach.
         phase: of the control [rad].
-        K: first K of a firm range, see ``amplitude.Staircase``; NaN = none up to ``largest``.
-        largest: largest amplitude tried.
+        K: least amplitude (``amplitude.Staircase.firm``); NaN = none up to ``largest``.
+        largest: largest amplitude tested.
         torque_n_m: largest torque amplitude on one body at K [N m].
     """
 
@@ -158,10 +161,13 @@ def torque_demands(
     actuator: Actuator,
     targets: Sequence[Target],
 ) -> list[TorqueDemand]:
-    """Demand of an actuator for each target at each phase.
+    """Torque demand of an actuator for each target at each phase of a survey.
 
     Args:
+        runner: integrates the runs of the bisection.
         survey: over phase and K of the gear that the actuator controls.
+        actuator: bodies that are driven.
+        targets: motions to reach.
     """
     return [
         TorqueDemand(
@@ -174,6 +180,6 @@ def torque_demands(
 
 
 def smallest_demand(demands: Sequence[TorqueDemand]) -> TorqueDemand | None:
-    """The demand with the least K; None if none reaches its target."""
+    """The demand with the least K; None if no demand reaches its target."""
     reached = [demand for demand in demands if np.isfinite(demand.K)]
     return min(reached, key=lambda demand: demand.K) if reached else None

@@ -1,7 +1,7 @@
 """Robustness of a controlled motion against differences of left and right.
 
-Three measures: the transverse exponent; the share of starts with unequal halves that lead to the
-motion, with its interval; and what becomes of the motion in a gear whose halves differ.
+Three measures: the transverse exponent; the fraction of starts with unequal halves that lead to
+the motion, with its interval; and whether the motion persists in a gear whose halves differ.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class StartShares:
         starts: number of starts.
         reached: number that lead to such a motion with left = right.
         parted: number that lead to such a motion whose halves differ.
-        share, low, high: of ``reached``, and its 95 % interval (Wilson).
+        share, low, high: fraction ``reached / starts``, and its 95 % interval (Wilson).
     """
 
     values: Mapping[str, float]
@@ -46,11 +46,11 @@ class StartShares:
 
 @dataclass(frozen=True)
 class Survival:
-    """Whether a controlled motion survives in a gear whose halves differ.
+    """Whether a controlled motion persists in a gear whose halves differ.
 
     Attributes:
         what: parameter that differs, key of ``DIFFERENCES``.
-        difference: of the halves: a share, of a phase the share of a mesh cycle.
+        difference: of the halves, relative; of a phase as a fraction of a mesh cycle.
         wanted: mesh cycles (periods of the effects) after which the motion must repeat.
         period: of the motion from the zero start, in the same unit; 0 = aperiodic, NaN = failed.
         from_zero, from_running: whether such a motion is reached from these starts.
@@ -72,7 +72,10 @@ class Survival:
 
 
 def _sides(name: str, scale: float = 1.0, centre: float = 1.0, kinds: int = 2) -> Any:
-    """Function from a difference to the parameter with that difference of the halves."""
+    """Function from a difference to changes {name: values} that give the halves this difference.
+
+    Left and right lie scale / 2 times it above and below ``centre``, ``kinds`` times in a row.
+    """
 
     def changes(difference: float) -> dict[str, list[float]]:
         half = 0.5 * scale * difference
@@ -99,13 +102,16 @@ def start_shares(
     starts: int,
     settings: RunSettings,
 ) -> list[StartShares]:
-    """Share of random starts with unequal halves that reach each motion at each place.
+    """Count the random starts with unequal halves that reach each motion, for sets of parameters.
 
     Args:
-        places: changes of the parameters of the base.
-        wanted: periods of the motions.
-        starts: number of starts, the same at each place.
+        places: sets of changes of the base's parameters.
+        wanted: periods of the motions, in periods of the effects.
+        starts: number of starts, the same states for each set.
         settings: length of the runs.
+
+    Returns:
+        For each period the counts of all sets.
     """
     gears = [base.changed(place) for place in places]
     begin = [random_starts(runner.build(g), starts, np.random.default_rng(0)) for g in gears]
@@ -135,14 +141,14 @@ def survival(
     differences: Sequence[float] = SHARES,
     starts: int = 8,
 ) -> list[Survival]:
-    """Survival of a motion for each kind and size of difference of the halves.
+    """Test a motion in gears with each kind and size of difference of the halves.
 
     Args:
         base: the controlled gear with equal halves.
-        wanted: mesh cycles after which the motion repeats.
+        wanted: periods of the effects (mesh cycles without) after which the motion repeats.
         settings: length of the runs.
-        differences: of the halves.
-        starts: random ones, beside the zero start and the running gear.
+        differences: sizes, see ``Survival.difference``.
+        starts: number of random starts, beside the zero start and the running gear.
     """
     cases = [(what, size) for what in DIFFERENCES for size in differences]
     gears = [base.changed(DIFFERENCES[what](size)) for what, size in cases]

@@ -1,4 +1,4 @@
-"""Steady-state motions of many gears from many starts; finished runs are stored in a folder."""
+"""Steady-state motions of many gears from many starts; finished runs are cached in a folder."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class RunSettings:
 
     Attributes:
         transient: mesh cycles discarded first.
-        cycles: periods of the effects observed then (mesh cycles without effects); to be found, a
-            period of the motion must repeat 5 times in them.
+        cycles: periods of the effects observed then (mesh cycles without effects); a period of
+            the motion is found if it repeats 5 times in them.
         exponents: whether to compute Lyapunov exponents.
         max_period: largest period sought, in periods of the effects.
     """
@@ -45,7 +45,7 @@ class RunSettings:
     max_period: int = 16
 
     def over(self, period: int) -> RunSettings:
-        """The same in mesh cycles, for effects of this period in mesh cycles."""
+        """Settings with ``cycles``, ``max_period`` in mesh cycles, for effects of this period."""
         return replace(self, cycles=self.cycles * period, max_period=self.max_period * period)
 
 
@@ -60,7 +60,7 @@ class Motions:
             of left-right differences.
         asymmetry: RMS left-right difference of the section points, b_c.
         contact_loss: 0 = never, 1 = on one flank, 2 = on both flanks of some mesh.
-        apart: share of the time without contact, mean of the meshes.
+        apart: fraction of the time without contact, mean of the meshes.
         end: (n, n_state) final states, at phase 0.
     """
 
@@ -75,12 +75,12 @@ class Motions:
     end: Array
 
     def repeats(self, cycles: int) -> Flags:
-        """(n,) whether each motion repeats after so many mesh cycles, see ``repeats``."""
+        """(n,) whether each motion repeats after a number of mesh cycles, see ``repeats``."""
         return repeats(self.period, cycles)
 
     @property
     def alike(self) -> Flags:
-        """(n,) whether the halves move alike."""
+        """(n,) whether the RMS left-right difference is below 0.01 b_c."""
         return np.asarray(self.asymmetry < ALIKE, dtype=bool)
 
 
@@ -88,11 +88,14 @@ NAMES = tuple(item.name for item in fields(Motions))
 
 
 def repeats(period: Array, cycles: int) -> Flags:
-    """Whether motions repeat after so many mesh cycles: P1 also after 2, an aperiodic one never.
+    """Whether motions repeat after some mesh cycles: P1 also after 2, an aperiodic one never.
 
     Args:
         period: of the motions in mesh cycles, 0 = aperiodic, NaN = failed.
-        cycles: 0 for none to repeat.
+        cycles: number of mesh cycles; if 0, no motion repeats.
+
+    Returns:
+        Flags in the shape of ``period``.
     """
     periodic = (period > 0) & (cycles > 0)
     divides = np.mod(cycles, np.where(periodic, period, 1.0)) == 0.0
@@ -100,11 +103,11 @@ def repeats(period: Array, cycles: int) -> Flags:
 
 
 class MotionRunner:
-    """Runs gears with the same effects on threads and stores their motions in a folder.
+    """Integrates gears with the same effects on threads and caches their motions in a folder.
 
     Args:
-        folder: created if missing; None stores nothing.
-        workers: threads.
+        folder: created if missing; None caches nothing.
+        workers: number of threads.
         planned: called with the number of runs before they begin.
         done: called with the number of runs of each finished chunk.
         actives: effects of every gear.
@@ -133,7 +136,7 @@ class MotionRunner:
         return effect_cycles(self.build(parameters))
 
     def run(self, sets: Sequence[Parameters], starts: Array, settings: RunSettings) -> Motions:
-        """Motions of n gears of one layout.
+        """Integrate n gears of one layout, and describe their motions.
 
         Args:
             sets: n parameter sets.
@@ -175,7 +178,7 @@ class MotionRunner:
 def _fill(
     motions: Motions, rows: Indices, models: Sequence[Model], starts: Array, settings: RunSettings
 ) -> None:
-    """Run gears and write their motions into the given rows."""
+    """Integrate gears and write their motions into the given rows of ``motions``."""
     length = (settings.transient, settings.cycles, settings.cycles, settings.exponents)
     batch = run_batch(models, starts, *length)
     motions.period[rows] = find_periods(batch.sections, settings.max_period)

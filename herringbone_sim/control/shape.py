@@ -3,7 +3,7 @@
 A control of the mesh frequency on all four equations adds to the inertia term of the mesh error,
 e_m Omega^2 sin(Omega tau) - K cos(Omega tau + phase): together they act as a mesh error of another
 amplitude and phase (``equivalent_error``), and at one K and phase they cancel (``cancelling``). A
-control of another frequency acts as no mesh error.
+control of another frequency has no equivalent mesh error.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class ShapeMap:
         K: (m,).
         period: (n, m) in periods of the forcing (of mesh and control together); 0 = not periodic.
         exponent, exponent_error: (n, m) largest Lyapunov exponent per tau.
-        transverse: (n, m) that of left-right differences; NaN if the halves differ.
+        transverse: (n, m) exponent of left-right differences; NaN if the halves differ.
         chaotic: (n, m) not periodic, with a positive exponent of symmetric perturbations. A motion
             that is neither is quasi-periodic, or its period longer than sought.
-        apart: (n, m) share of the time without contact.
+        apart: (n, m) fraction of the time without contact.
     """
 
     axis: Axis
@@ -49,7 +49,7 @@ class ShapeMap:
 
 
 def phases(n: int) -> tuple[float, ...]:
-    """n phases [rad] round the circle, from -pi."""
+    """n phases [rad] at even distances from -pi to below pi."""
     return tuple(float(-np.pi + 2.0 * np.pi * i / n) for i in range(n))
 
 
@@ -79,13 +79,14 @@ def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
     """Convert periods (n, m) from mesh cycles to periods of the forcing.
 
     Args:
-        cycles: periods in mesh cycles; 0 = aperiodic, NaN = failed.
+        cycles: (n, m) periods in mesh cycles; 0 = aperiodic, NaN = failed.
         unit: (n, 1) period of the forcing in mesh cycles; 0 if mesh and control have none.
         K: (m,) amplitudes.
         free: unit at K = 0.
 
     Returns:
-        0 for a period that is no multiple of the unit: it is a coincidence within the tolerance.
+        (n, m); 0 also for a period that is no multiple of the unit: it is a coincidence within
+        the tolerance.
     """
     unit = np.where(K == 0.0, free, unit)
     whole = (unit > 0) & (np.mod(cycles, np.maximum(unit, 1)) == 0)
@@ -94,7 +95,7 @@ def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
 
 
 def best(values: Array, least: Array) -> tuple[float, float]:
-    """The value of ``values`` (n,) with the smallest of ``least`` (n,), and that; else NaN."""
+    """Element of ``values`` (n,) where ``least`` (n,) is smallest, and that minimum; or NaN."""
     if not np.isfinite(least).any():
         return np.nan, np.nan
     at = int(np.nanargmin(least))
@@ -120,7 +121,7 @@ def cancelling(p: Parameters) -> tuple[float, float]:
 def around_cancelling(
     runner: MotionRunner, base: Parameters, n: int, settings: RunSettings
 ) -> Survey:
-    """Motions from all kinds of starts near the control that cancels the mesh error.
+    """Survey of motions from all kinds of starts near the control that cancels the mesh error.
 
     Args:
         n: odd number of phases within 0.02 rad, and of amplitudes within 2 %.
@@ -131,6 +132,6 @@ def around_cancelling(
 
 
 def quiet(survey: Survey) -> Flags:
-    """(n, m, s) whether a motion of a survey has period 1 and never loses contact."""
+    """(n, m, s) whether the motions of a survey have period 1 and never lose contact."""
     still = (survey.of("period") == survey.forcing) & (survey.of("contact_loss") == 0)
     return np.asarray(still, dtype=bool)

@@ -1,4 +1,4 @@
-"""Initial states from which a control is tried."""
+"""Initial states from which a control is tested."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ SETTLE = RunSettings(transient=800, cycles=1)
 
 @dataclass(frozen=True)
 class Starts:
-    """Kinds of states at phase 0 at which a control is switched on.
+    """Kinds and numbers of states at phase 0 at which a control is switched on.
 
-    ``zero``: the initial state of the gear, from which the paper seems to start. ``running``: the
-    gear has run 800 mesh cycles without control. ``alike``: random with left = right. ``parted``:
+    ``zero``: the initial state of the gear, which the paper seems to use. ``running``: the state
+    after about 800 mesh cycles without control. ``alike``: random with left = right. ``parted``:
     random, left and right drawn independently.
 
     Attributes:
-        alike, parted: number of these.
+        alike, parted: number of states of these kinds.
         reach: of random displacements in b_c, and of rates in b_c omega_n.
-        seed: of the random ones, which are the same for every gear.
+        seed: of the random states, which are the same for every gear.
         running: whether to include ``running``.
     """
 
@@ -45,7 +45,10 @@ class Starts:
 
 
 def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Starts) -> Array:
-    """States (n, n_start, n_state) of n gears; NaN where the run without control failed."""
+    """States (n, n_start, n_state) at phase 0 of n gears, in the order of ``Starts.names``.
+
+    NaN where the run without control failed.
+    """
     models = [runner.build(p) for p in sets]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:

@@ -1,7 +1,7 @@
-"""Integrate many models at once: section, exponents and contact shares of each.
+"""Integrate a batch of models: section points, Lyapunov exponents, contact fractions of each.
 
-The unit of work of every sweep and map. Models do not influence each other: the result of one is
-bitwise the same, alone or among others, in any order.
+Sweeps and maps are divided into batches. Models do not influence each other: the result of a
+model is bitwise the same whichever others are in the batch, in any order.
 
 Over 300 lines: the three ways to integrate a batch stand beside the code that fills its arrays.
 """
@@ -42,22 +42,23 @@ BATCHES = 10
 
 @dataclass(frozen=True)
 class Batch:
-    """Results of n models; a failed one is NaN throughout, with its reason.
+    """Results of n models; all numbers of a model that diverged are NaN.
 
     Attributes:
-        sections: (n, points, n_state) states at phase 0 of the last cycles, dimensionless.
-        end: (n, n_state + 2 s) states after the last cycle, those of s further coordinates of
-            effects behind the others.
-        exponents: (n,) largest Lyapunov exponent per tau; NaN if not requested.
-        exponent_errors: (n,) standard error of its mean over 10 batches of cycles.
-        within: (n,) the same of left-right symmetric perturbations; NaN for a motion whose halves
-            differ.
-        transverse: (n,) the same of antisymmetric perturbations; NaN as above.
-        contact: (n, n_mesh, 3) share of the time in back contact, separated, in drive contact;
-            with method rk4 shares of the samples.
-        reasons: n texts, empty where nothing failed.
-        columns: (n, p, n_state + 2 s) derivatives of ``end`` with respect to parameters, zero at
-            the start, see ``sensitivity``.
+        sections: (n, points, n_state) states of the layout at phase 0 of the last cycles,
+            dimensionless.
+        end: (n, n_state + 2 s) states after the last cycle; displacements and rates of the s
+            coordinates that effects add come last.
+        exponents: (n,) largest Lyapunov exponent per tau; NaN if not requested or with method rk4.
+        exponent_errors: (n,) standard error of ``exponents``, from up to 10 batches of cycles.
+        within: (n,) largest exponent of left-right symmetric perturbations; NaN where the halves
+            of gear or motion differ, and for gears integrated by the laws of their effects.
+        transverse: (n,) largest exponent of antisymmetric perturbations; NaN as for ``within``.
+        contact: (n, n_mesh, 3) fractions of the time in back contact, separated and in drive
+            contact; with method rk4, of the samples.
+        reasons: n texts, empty, or ``diverged``.
+        columns: (n, p, n_state + 2 s) derivatives of ``end`` with respect to p parameters, zero
+            at the start, see ``sensitivity``; empty without ``directions``.
     """
 
     sections: Array
@@ -73,7 +74,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class _Length:
-    """Mesh cycles of transient and run, section points and tangent vectors of a batch."""
+    """Transient and observed mesh cycles, number of section points and of tangent vectors."""
 
     transient: int
     cycles: int
@@ -97,23 +98,25 @@ def run_batch(
 ) -> Batch:
     """Integrate every model for ``transient`` and then ``cycles`` mesh cycles.
 
-    A model with equal halves and an initial state with equal halves is integrated as one half; its
-    largest exponent is the larger one of ``within`` and ``transverse``.
+    A gear with equal halves from a start state with equal halves is integrated as one half; its
+    largest exponent is the larger of ``within`` and ``transverse``.
 
     Args:
-        models: n models of one layout and order; n may be 0 only with ``starts``.
-        starts: (n, n_state) states at phase 0, or (n, n_state + 2 s) with s further coordinates;
-            by default the models' own initial states, further coordinates at rest.
-        transient: mesh cycles left out first.
+        models: n models of one layout, order and method, at least one.
+        starts: (n, n_state) states at phase 0, dimensionless, or (n, n_state + 2 s) with the s
+            coordinates that effects add, which are otherwise at rest; by default the initial
+            states of the models. NaN counts as 0.
+        transient: mesh cycles that are integrated first and not evaluated.
         cycles: mesh cycles over which exponents and contact are averaged, at least 1.
-        points: section points, from the last cycles; at most ``cycles``.
+        points: number of section points, from the last cycles; at most ``cycles``.
         exponents: whether to compute Lyapunov exponents.
-        before: (n,) mesh cycles that each has run before, 0 by default: the phase of the control,
-            and of effects once a revolution, continues from there.
-        directions: for each model the same number of parameters to differentiate by.
+        before: (n,) mesh cycles before ``starts``, 0 by default: they set the phase of forcing
+            that does not repeat every mesh cycle, as of effects once a revolution.
+        directions: for each model the same number p of parameters to differentiate ``end`` by.
 
     Raises:
         ValueError: the models differ in layout, order or method, or the lengths are invalid.
+        ParameterError: a derivative that can't be computed, see ``sensitivity.Directions``.
     """
     _check(models, transient, cycles, points)
     layout = models[0].layout
@@ -176,7 +179,7 @@ def _check(models: Sequence[Model], transient: int, cycles: int, points: int) ->
 
 
 def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
-    """Results filled with NaN."""
+    """Return results of n models filled with NaN, n_all numbers in an end state; no reasons."""
 
     def none(*shape: int) -> Array:
         return np.full((n, *shape), np.nan)
@@ -194,7 +197,10 @@ def _run_lanes(
     length: _Length,
     along: Sequence[Directions],
 ) -> list[str]:
-    """Integrate models of one kind in the lanes and enter their results; returns their reasons."""
+    """Integrate models in the lanes and write their results into rows ``chosen`` of the batch.
+
+    Returns their reasons. With ``sides`` 1 the left halves alone are integrated.
+    """
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
     taken = left_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
     others = [other for one in along for other in one.models()]
@@ -217,7 +223,7 @@ def _run_lanes(
     if along:
         zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
         inner = [one.to_kernel(y, zeros) for one, y in zip(along, begin[0], strict=True)]
-        columns = np.ascontiguousarray(np.array(inner)[:, :, taken])  # of one type for any number
+        columns = np.ascontiguousarray(np.array(inner)[:, :, taken])  # one type at all sizes
         near = near_of(along, work, every[n:], columns)
     values = Values(
         table, np.array([model.parameters.steps for model in models]), starts, begin[1]
@@ -256,7 +262,11 @@ def _put_exponents(
     growth: Array,
     length: _Length,
 ) -> None:
-    """Enter exponents per tau from growth (n, batches + 1, tangents)."""
+    """Write exponents per tau and their errors into rows ``chosen`` of the batch.
+
+    ``growth`` (n, batches + 1, tangents) holds the logarithms of the growth factors in each batch
+    of cycles; its last row is not used.
+    """
     if not length.tangents:
         return
     edges = np.ceil(np.arange(length.batches + 1) * length.cycles / length.batches)
@@ -276,8 +286,9 @@ def _put_exponents(
 
 
 def _put_contact(shares: Array, chosen: Indices, contact: Array, sides: int) -> None:
-    """Enter contact shares from the time (n, n_mesh, 2) in back and drive contact, of one half or
-    both.
+    """Write ``Batch.contact`` into rows ``chosen`` of ``shares``.
+
+    ``contact`` (n, meshes, 2) has the fractions in back and drive contact, of one half or both.
     """
     n, n_mesh, _ = contact.shape
     halves = contact.reshape(n, 2, sides, n_mesh // (2 * sides), 2)
@@ -293,13 +304,16 @@ def _run_by_laws(
     begin: tuple[Array, Indices],
     length: _Length,
 ) -> list[str]:
-    """Integrate gears by the laws of their effects in lanes, with at most one tangent."""
+    """Integrate gears by the laws of their effects in lanes, with at most one tangent vector.
+
+    Writes the results into rows ``chosen`` of the batch; returns the reasons.
+    """
     look = length.transient, length.cycles, length.points
     tangents = min(length.tangents, 1)
     result = models[0].integrator.run_batch(models, *begin, look, tangents)
     batch.sections[chosen] = result.sections[..., : models[0].layout.n_state]
     batch.end[chosen] = result.end
-    with np.errstate(invalid="ignore"):  # of a value that has failed
+    with np.errstate(invalid="ignore"):  # 0 / 0 where a model diverged
         batch.contact[chosen] = result.contact / result.contact[:, :1].sum(axis=2, keepdims=True)
     if tangents:
         _put_exponents(batch, chosen, models, _by_batches(result.growth, length), length)
@@ -309,13 +323,13 @@ def _run_by_laws(
 
 
 def _by_batches(growth: Array, length: _Length) -> Array:
-    """Growth (n, cycles, tangents) of single cycles in the form that ``_put_exponents`` takes."""
+    """Sum growth (n, cycles, tangents) of single cycles over batches, for ``_put_exponents``."""
     parts = [part.sum(axis=1) for part in np.array_split(growth, length.batches, axis=1)]
     return np.pad(np.stack(parts, axis=1), ((0, 0), (0, 1), (0, 0)))
 
 
 def _has_no_lanes(model: Model) -> bool:
-    """Whether a model can only be integrated alone."""
+    """Whether a model can only be integrated by its stepper, not in lanes."""
     return model.parameters.method == "rk4" or model.integrator is not None
 
 
@@ -327,7 +341,7 @@ def _run_singly(
     sides: int,
     length: _Length,
 ) -> list[str]:
-    """Integrate models one after another, with at most one tangent; without tangents for rk4."""
+    """Integrate models one by one, with at most one tangent (rk4: none); returns their reasons."""
     return [
         _run_one(batch, i, model, y, int(cycle), length)
         for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
@@ -335,7 +349,7 @@ def _run_singly(
 
 
 def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
-    """Integrate one model and enter its results; returns the reason of a failure."""
+    """Integrate one model and write its results into row i; returns ``diverged`` or no text."""
     gear_stepper, per_cycle = stepper(model), model.parameters.samples_per_cycle
     k = min(length.tangents, 1) if model.integrator else 0
     start = replace(gear_stepper.start(k), y=y, cycle=cycle)

@@ -1,4 +1,4 @@
-"""Discard compiled code whose sources have changed.
+"""Delete cached compiled code whose sources have changed.
 
 Numba checks only the file of the function that it loads, not those of the functions inlined into
 it or called by it.
@@ -24,10 +24,14 @@ ROOMS = (  # folders with compiled functions or their constants
 
 
 def forget_stale(package: Path, *sources: Path) -> None:
-    """Remove compiled code of a package unless it was compiled from the present sources.
+    """Delete the cached compiled code of a package unless it comes from the present sources.
 
-    It is stored in the folders ``__pycache__``, or below ``NUMBA_CACHE_DIR`` if that is set. Does
+    The cache is in the folders ``__pycache__``, or below ``NUMBA_CACHE_DIR`` if that is set. Does
     nothing in a folder that can't be written: an installed package does not change in place.
+
+    Args:
+        package: folder of the package.
+        sources: folders with all Python files that the compiled code depends on.
     """
     now = digest(*sources)
     _forget(package / "__pycache__", package.rglob("__pycache__/*.nbi"), now)
@@ -51,20 +55,18 @@ class _OnStart(event.Listener):  # type: ignore[misc]
 
 @contextlib.contextmanager
 def on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Context in which ``call`` is called at each compilation; not for code loaded from the
-    cache.
-    """
+    """Context in which ``call`` is called when Numba starts to compile, not when it loads code."""
     with event.install_listener("numba:compile", _OnStart(call)):
         yield
 
 
 def compiled_from(package: Path) -> list[Path]:
-    """Folders with compiled functions, or with constants that these use."""
+    """Return the folders of a package with compiled functions, or with constants in these."""
     return [package / room for room in ROOMS if (package / room).is_dir()]
 
 
 def digest(*sources: Path) -> str:
-    """SHA-256 of the names and contents of all Python files below some folders."""
+    """Return the SHA-256, hexadecimal, of names and contents of all Python files in folders."""
     found = hashlib.sha256()
     for folder in sources:
         for source in sorted(folder.rglob("*.py")):
@@ -75,9 +77,7 @@ def digest(*sources: Path) -> str:
 
 
 def _forget(folder: Path, indices: Iterable[Path], now: str) -> None:
-    """Remove cache indices unless the stamp in a folder is the present digest; then write the
-    stamp.
-    """
+    """Delete cache indices and renew the stamp file in a folder, unless it is ``now`` already."""
     stamp = folder / STAMP
     with contextlib.suppress(OSError):
         if stamp.is_file() and stamp.read_text() == now:
@@ -89,6 +89,6 @@ def _forget(folder: Path, indices: Iterable[Path], now: str) -> None:
 
 
 def _name(folder: Path) -> str:
-    """Name that Numba gives a source folder below ``NUMBA_CACHE_DIR``."""
+    """Return the name that Numba gives a source folder below ``NUMBA_CACHE_DIR``."""
     path = str(folder.absolute())
     return f"{folder.name}_{hashlib.sha1(path.encode()).hexdigest()}"

@@ -1,7 +1,7 @@
-"""Integrate in blocks of samples: a state goes in, samples in SI units and a state come out.
+"""Integrate a gear in blocks of samples: from a state to samples in SI units and a new state.
 
 The same stepper serves real time, sweeps, tangent flow and replay. Steps lie on a fixed grid of
-the mesh phase, so a run is bitwise independent of its division into blocks.
+the mesh phase, so the samples are bitwise independent of the division into blocks.
 
 Over 300 lines: the stepper and the functions on it are one interface.
 """
@@ -28,16 +28,16 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class State:
-    """State of a run: everything that its future depends on.
+    """State of a simulation: all that its continuation by a stepper depends on.
 
     Attributes:
-        y: (n_state,) displacements then velocities, dimensionless.
+        y: (n_state,) displacements then velocities, dimensionless, see ``Model.n_state``.
         cycle: whole mesh cycles since the start.
         index: step within the cycle, on the grid of ``Parameters.steps``.
         t: simulation time [s].
-        tangents: (k, n_state) orthonormal tangent vectors, or none.
+        tangents: (k, n_state) tangent vectors, orthonormal at phase 0; k may be 0.
         growth: (k,) sums of the logarithms of their growth factors.
-        columns: (p, n_state) derivatives with respect to the stepper's parameters.
+        columns: (p, n_state) derivatives of y with respect to the stepper's ``directions``.
     """
 
     y: Array
@@ -49,23 +49,24 @@ class State:
     columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def phase(self, steps: int) -> float:
-        """Mesh phase [rad] within the cycle."""
+        """Return the mesh phase [rad] within the cycle, for ``steps`` steps per cycle."""
         return TWO_PI * self.index / steps
 
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive samples.
+    """Consecutive samples, with the states at both ends.
 
     Attributes:
         rows: (n, n_channels) as ``Layout.channels``, SI units.
         start: state at the first sample.
-        end: state at the sample after the last one.
+        end: state one sample period after the last sample.
         section: indices of the rows at phase 0.
         contact: (n_mesh, 3) number of samples in back contact, separated, in drive contact; for a
             gear by the laws of its effects the time there, in sample periods.
-        switches: number of contact switches.
-        diverged: whether the last row left the range of any physical motion, at ``end``.
+        switches: number of located switches: of contact, and of what effects switch; 0 with rk4.
+        diverged: whether the state left the range of any physical motion; ``rows`` then end with
+            the first sample out of range.
     """
 
     rows: Array
@@ -78,17 +79,18 @@ class Block:
 
 
 class Stepper:
-    """Advances states of one model; holds work arrays, but no state of a run.
+    """Integrator of one model, from ``State`` to ``State``; holds work arrays, but no state.
 
-    Base class and common interface of all steppers; this one uses the kernel of the core.
-    ``stepper`` returns the right one for a model.
+    Base class and common interface of all steppers; this one uses the kernel of the core. Use
+    ``stepper`` to get the stepper that a model needs.
 
     Args:
         model: see ``model.build``.
         directions: parameters to differentiate by, see ``sensitivity``.
 
     Raises:
-        ParameterError: a gear by its effects' own laws, which this kernel can't represent.
+        ParameterError: a gear by its effects' own laws, which this kernel can't represent, or a
+            derivative that can't be computed, see ``sensitivity.Directions``.
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction] = ()) -> None:
@@ -107,11 +109,11 @@ class Stepper:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether this process has compiled the kernel for such a gear."""
+        """Whether this process has compiled, or loaded, the kernel for this type of gear."""
         return self._kernel.is_compiled
 
     def alike(self, other: object) -> bool:
-        """Whether another stepper uses the same kernel."""
+        """Whether another stepper uses the same compiled kernel."""
         return isinstance(other, Stepper) and bool(other._code == self._code)
 
     @property
@@ -119,7 +121,10 @@ class Stepper:
         return self._kernel.code
 
     def start(self, tangents: int = 0) -> State:
-        """Initial state with ``tangents`` tangent vectors; further states of effects at rest."""
+        """Return the initial state with ``tangents`` random orthonormal tangent vectors.
+
+        States that effects add are at rest.
+        """
         n, m = self.model.n_state, self.model.layout.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
         y = np.concatenate([initial_state(self.model), np.zeros(n - m)])
@@ -131,7 +136,7 @@ class Stepper:
         return np.array([0.0, 0.0, p.K, p.delta_T, p.T_1])
 
     def advance(self, state: State, n_samples: int) -> Block:
-        """The next samples from a state on, the first one at the state itself.
+        """Return the next samples as a block, the first sample at the state itself.
 
         The same state and model give bitwise the same samples, in blocks of any size.
         """
@@ -163,19 +168,20 @@ class Stepper:
     def _sample(
         self, moving: Moving, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
-        """Fill rows and advance ``moving`` in place; returns time, rows filled, switches and
-        contact.
+        """Fill rows with samples and advance ``moving`` in place.
+
+        Returns the time of the next sample [s], rows filled, switches and ``Block.contact``.
         """
         contact = np.zeros((self.model.layout.n_mesh, 3), dtype=np.int64)
         rest = self._head(), self._si, self._carrier, rows, contact
         return (*self._kernel.run(moving, t, rest), contact)
 
     def trace(self, state: State, n_samples: int) -> tuple[Array, Array, Array, Indices]:
-        """States, tangents and columns at the next samples, the first one at the state itself.
+        """Return states, tangents and columns at the next samples, the first at ``state`` itself.
 
         Returns:
             states (n, n_state), tangents (n, k, n_state) not orthonormalised, columns (n, p,
-            n_state), and the place (n, 2) of each sample (mesh cycle and step), for ``read``.
+            n_state), and mesh cycle and step index (n, 2) of each sample, for ``read``.
 
         Raises:
             ParameterError: ``method: rk4``, or effects by their own laws.
@@ -191,9 +197,13 @@ class Stepper:
         return *found, np.stack([state.cycle + passed // p.steps, passed % p.steps], axis=1)
 
     def read(self, states: Array, places: Indices) -> Array:
-        """Samples (n, n_channels) of states (n, n_state) at places (n, 2), as in ``Block``.
+        """Return the samples (n, n_channels), as ``Block.rows``, that given states show.
 
         The time is counted from mesh cycle 0.
+
+        Args:
+            states: (n, n_state), dimensionless.
+            places: (n, 2) mesh cycle and step index of each state, as from ``trace``.
         """
         model = self.model
         rows = self._kernel.read(states, places, (self._head(), self._si, self._carrier))
@@ -201,17 +211,21 @@ class Stepper:
         return rows
 
     def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
-        """State (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.
+        """Return state (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.
 
-        Tangents are neither scaled nor orthogonalised. A motion that diverges returns numbers that
-        show it.
+        Tangents are neither scaled nor orthogonalised. Nothing is raised if the motion diverges:
+        the state is then huge or not finite.
+
+        Args:
+            cycle: mesh cycles before y, which set the phase of the control and of effects.
+            cycles: mesh cycles to integrate.
         """
         y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
         self._kernel.cross(y, tangents, cycle, cycles)
         return y, tangents
 
     def own(self, y: Array) -> dict[Hashable, Array]:
-        """States that effects add to ``y``, in SI units, keyed as in ``Model.own``.
+        """Return the states that effects add to ``y``, in SI units, keyed as in ``Model.own``.
 
         Args:
             y: (n_state,) dimensionless state vector.
@@ -222,7 +236,13 @@ class Stepper:
         return {key: y[at] * unit for key, at, unit in self._places()}
 
     def with_own(self, y: Array, own: Mapping[Hashable, Array]) -> Array:
-        """State (n,) with further states replaced where key and size agree."""
+        """Return a copy of y in which the states that effects add have the values in ``own``.
+
+        Args:
+            y: (n_state,) dimensionless state vector.
+            own: as from the method ``own``, perhaps of another model; entries whose key or size
+                this model does not have are ignored.
+        """
         y = y.copy()
         for key, at, unit in self._places():
             if key in own and own[key].shape == at.shape:
@@ -230,7 +250,7 @@ class Stepper:
         return y
 
     def _places(self) -> Iterator[tuple[Hashable, Indices, Array]]:
-        """Yield key, indices in a state, and units of the further states of each effect."""
+        """Yield key, indices in y, and SI units of the states that each effect adds."""
         model, s = self.model, self.model.scales
         order = model.layout.n_state + self._own_order()
         unit = np.resize([s.b_c, s.velocity_m_per_s], order.size)
@@ -240,30 +260,29 @@ class Stepper:
             first += size
 
     def _own_order(self) -> Indices:
-        """Order of the further states in which displacement and rate of a coordinate are
-        neighbours.
-        """
+        """Return indices that put displacement and rate of each added coordinate side by side."""
         order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
         return order
 
 
 def stepper(model: Model) -> Stepper:
-    """Stepper of a model: that of the core, or the one that its effects need."""
+    """Return the stepper of a model: ``Stepper``, or what ``Model.integrator`` makes."""
     made: Stepper = (model.integrator or Stepper)(model)
     return made
 
 
 def carrier_row(model: Model) -> Array:
-    """Row (n_coordinate,) that gives the carrier's displacement from the coordinates."""
+    """Return the row (n_coordinate,) whose product with the coordinates is u_c of the carrier."""
     m = model.layout.n_coordinate
     unit = np.eye(2 * m)[:m]
     return np.array([body_displacements(model, row)[2] for row in unit])
 
 
 def change(old: Model, new: Model, state: State) -> State:
-    """State that continues a run after a change of live parameters, at the same phase.
+    """Return the state that continues a run after a change of live parameters, at the same phase.
 
-    The phase grid (``samples_per_cycle``) may change only at phase 0; the index is kept otherwise.
+    Relative displacements and velocities are continuous, see ``carry_over``. The step index is
+    converted to the new grid; ``samples_per_cycle`` may change only at phase 0.
     """
     steps_old, steps_new = old.parameters.steps, new.parameters.steps
     y = carry_over(old, new, state.y, state.phase(steps_old))
@@ -271,7 +290,10 @@ def change(old: Model, new: Model, state: State) -> State:
 
 
 def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[TimeSeries, State]:
-    """Samples of whole mesh cycles as a time series, and the state after them.
+    """Return the samples of whole mesh cycles as a time series, and the state after them.
+
+    Args:
+        state: start state; None: the initial state.
 
     Raises:
         DivergenceError: the state left the range of any physical motion.
@@ -290,14 +312,13 @@ def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[Tim
 def largest_exponent(
     model: Model, cycles: int = 500, transient: int = 200, state: State | None = None
 ) -> tuple[float, float]:
-    """Largest Lyapunov exponent per dimensionless time from the tangent flow, and its standard
-    error.
+    """Return the largest Lyapunov exponent per tau, from a tangent vector, and its standard error.
 
     Args:
         model: see ``build``.
-        cycles: mesh cycles averaged over, in 10 batches.
-        transient: mesh cycles left out before.
-        state: to start from; None: the initial state.
+        cycles: mesh cycles averaged over, in 10 batches of equal length.
+        transient: mesh cycles integrated before and not evaluated.
+        state: start state; None: the initial state.
 
     Raises:
         DivergenceError: the state left the range of any physical motion.
@@ -320,6 +341,6 @@ def largest_exponent(
 
 
 def warm_up(model: Model) -> Any:
-    """Compile all that ``Stepper.advance`` needs, or load it from the cache; returns the block."""
+    """Compile what ``Stepper.advance`` needs, or load it from the cache; returns one sample."""
     gear_stepper = stepper(model)
     return gear_stepper.advance(gear_stepper.start(tangents=1), 1)

@@ -44,7 +44,7 @@ class Layout:
 
     @property
     def planets(self) -> tuple[str, ...]:
-        """Number of each planet as text, or one empty text."""
+        """Numbers of the planets as texts; in the reduced model one empty text."""
         return tuple(str(i + 1) for i in range(self.n_classes)) if self.numbered else ("",)
 
     @property
@@ -69,13 +69,13 @@ class Layout:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names such as ``s_L``, ``c``, ``p1_L``."""
+        """Names such as ``s_L``, ``c``, ``p1_L``, in the order of arrays over bodies."""
         planets = tuple(f"p{p}_{s}" for s in SIDES for p in self.planets)
         return ("s_L", "s_R", "c", *planets)
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Displacements q_S, r_pS and their rates.
+        """Names of the state: displacements q_S, r_pS of side S and planet p, then their rates.
 
         ``q_S = (u_s_S - 2 u_c) cos beta`` is the path through one planet from sun to ring,
         ``r_pS = (u_p_S - u_c) cos beta``; then ``x_sp = q - r - e_sp`` and ``x_rp = r - e_rp``.
@@ -90,7 +90,7 @@ class Layout:
         return (*HEAD, *(name for quantity in "xvFu" for name in self.channels_of(quantity)))
 
     def channels_of(self, quantity: str) -> tuple[str, ...]:
-        """Channels of x, v or F of the meshes, u or a of the bodies, pin of the planets."""
+        """Names of the channels of a quantity: x, v, F of meshes; u, a of bodies; pin forces."""
         if quantity == "pin":
             return tuple(f"F_pin{planet}" for planet in self.planets)
         places = self.bodies if quantity in "ua" else self.meshes
@@ -98,12 +98,12 @@ class Layout:
 
 
 def unit_of(channel: str) -> str:
-    """Unit of a recorded channel, ``-`` for a dimensionless one; KeyError for an unknown name."""
+    """Return the unit of a recorded channel, ``-`` if it has none; KeyError: unknown name."""
     return UNITS[channel] if channel in UNITS else PREFIX_UNITS[channel.split("_")[0]]
 
 
 def describe(channel: str) -> dict[str, str]:
-    """Name, unit and meaning of a recorded channel, for the ``channels`` topic."""
+    """Return name, unit and meaning of one of ``Layout.channels``, for the ``channels`` topic."""
     prefix, _, rest = channel.partition("_")
     meaning = MEANINGS[channel] if channel in MEANINGS else f"{MEANINGS[prefix]} {rest}"
     return {"name": channel, "unit": unit_of(channel), "meaning": meaning}

@@ -1,4 +1,4 @@
-"""The mesh: backlash and its thermal loss, stiffness, damping; a function per equation, in SI."""
+"""Equations of a mesh in SI units: backlash and its thermal loss, stiffness, damping."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from herringbone_sim.arrays import Array
 
 
 def backlash(x: Array | float, b: Array | float) -> Array:
-    """Backlash function f(x) with half-backlash b, Eqs. (1) and (4); same unit as x."""
+    """Return f(x), the part of x beyond the half-backlash b, Eqs. (1) and (4); same unit as x."""
     x = np.asarray(x, dtype=float)
     return np.where(x > b, x - b, np.where(x < -np.asarray(b), x + b, 0.0))
 
@@ -18,7 +18,7 @@ def backlash(x: Array | float, b: Array | float) -> Array:
 def thermal_backlash_loss(
     delta_T: float, gamma: float, m_t: float, teeth: int, alpha_w: float
 ) -> float:
-    """Reduction Delta b [m] of the total backlash by a temperature rise, Eq. (2).
+    """Return the reduction Delta b [m] of the total backlash by a temperature rise, Eq. (2).
 
     Args:
         delta_T: temperature rise [K].
@@ -35,9 +35,14 @@ def thermal_backlash_loss(
 
 
 def half_backlash(b: float, b_c: float, loss: float) -> float:
-    """Half-backlash b' [m] at temperature, Eq. (3).
+    """Return the half-backlash b' [m] after a temperature rise, Eq. (3).
 
     Misprint corrected: the paper subtracts metres from the dimensionless b; b b_c [m] is meant.
+
+    Args:
+        b: half-backlash before, in units of b_c.
+        b_c: displacement scale [m].
+        loss: reduction of the total backlash [m], Eq. (2).
     """
     return b * b_c - loss / 2.0
 
@@ -45,11 +50,10 @@ def half_backlash(b: float, b_c: float, loss: float) -> float:
 def stiffness(
     phase: Array | float, k_m: float, k_amp: Sequence[float], phi_a: float = 0.0
 ) -> Array:
-    """k(t) [N/m] at a mesh phase [rad], Eq. (7); with one harmonic of amplitude 0.25 it is Eq.
-    (8).
+    """Return the mesh stiffness k [N/m], Eq. (7); with one harmonic of amplitude 0.25, Eq. (8).
 
     Args:
-        phase: mesh phase omega t.
+        phase: mesh phase omega t [rad].
         k_m: mean [N/m].
         k_amp: amplitudes of orders 1, 2, ... relative to the mean.
         phi_a: initial phase [rad], the same for every order as in the paper.
@@ -61,7 +65,7 @@ def stiffness(
 
 
 def damping(xi: float, k_m: float, M_1: float, M_2: float) -> float:
-    """Mesh damping c [N s/m], Eq. (11), of equivalent masses M = I / r_b^2 [kg].
+    """Return the mesh damping c [N s/m], Eq. (11), of equivalent masses M = I / r_b^2 [kg].
 
     Misprint corrected: the paper prints M = I / r_b, which is no mass.
     """

@@ -1,4 +1,4 @@
-"""The exchange of left and right, of states, of halves of states, and of a gear; planets alike."""
+"""Left-right symmetry of states and gears, and equality of planets."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ Indices = NDArray[np.int64]
 
 
 def layout_mirror(layout: Layout) -> Indices:
-    """Indices (n_state,) that exchange left and right in a state."""
+    """Return the indices (n_state,) that exchange left and right in a state of a layout."""
     m = layout.n_coordinate
     half = np.concatenate([[1, 0], np.roll(np.arange(2, m), layout.n_classes)])
     return np.concatenate([half, m + half])
 
 
 def state_mirror(model: Model) -> Indices:
-    """Indices that exchange left and right in a state with its further coordinates."""
+    """Return the indices that exchange left and right in a state with coordinates of effects."""
     first, own = model.layout.n_state, own_mirror(model)
     return np.concatenate([layout_mirror(model.layout), first + own, first + model.n_own + own])
 
 
 def has_equal_halves(model: Model) -> bool:
-    """Whether left and right of a gear, effects included, are bitwise equal.
+    """Whether the left and right halves of a gear, effects included, are bitwise equal.
 
     False for a gear that is integrated by the laws of its effects, which can't be compared.
     """
@@ -57,7 +57,7 @@ def has_equal_planets(model: Model) -> bool:
 
 
 def _of_meshes(model: Model) -> NDArray[np.float64]:
-    """All that a mesh has of its own: (rows, sun or ring, side, planet)."""
+    """Stack the constants of ``packed`` that each mesh has: (rows, kind, side, planet)."""
     p = model.packed
     one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
     many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
@@ -65,8 +65,9 @@ def _of_meshes(model: Model) -> NDArray[np.float64]:
 
 
 def left_half(model: Model) -> Indices:
-    """Indices of the left half in a state, with the coordinates that are their own mirror
-    image.
+    """Return the indices of the left half in a state.
+
+    Coordinates of effects that are their own mirror image belong to it.
     """
     m, c, own = model.layout.n_coordinate, model.layout.n_classes, chosen_own(model, 1)
     half = np.concatenate([[0], np.arange(2, 2 + c)])
@@ -74,7 +75,7 @@ def left_half(model: Model) -> Indices:
 
 
 def from_left_half(model: Model) -> Indices:
-    """Indices that rebuild a whole state from its left half."""
+    """Return the indices that make a whole symmetric state of its left half (``left_half``)."""
     c, own = model.layout.n_classes, chosen_own(model, 1)
     half = np.concatenate([[0, 0], np.tile(np.arange(1, 1 + c), 2)])
     image = np.minimum(own_mirror(model), np.arange(model.n_own))
@@ -83,9 +84,9 @@ def from_left_half(model: Model) -> Indices:
 
 
 def own_images(model: Model) -> Indices:
-    """Indices in a left half of the coordinates that are their own mirror image.
+    """Return where in a left half coordinates are that are their own mirror image.
 
-    An antisymmetric perturbation leaves them at rest.
+    These are displacements and rates; an antisymmetric perturbation leaves them at rest.
     """
     own, first = chosen_own(model, 1), 2 * (1 + model.layout.n_classes)
     alone = np.flatnonzero(own_mirror(model)[own] == own)

@@ -1,6 +1,6 @@
-"""The gear that the kernel integrates: a parameter set packed for the equations of motion.
+"""Build the dimensionless model of a parameter set; convert between states and displacements.
 
-The equations themselves, (12)-(16) of the bodies and (18)-(22) of the reduced system, are in
+The equations of motion, (12)-(16) of the bodies and (18)-(22) of the reduced system, are in
 ``right_hand_side``. Over 300 lines: the numbers of the gear and the geometry of its state.
 """
 
@@ -27,17 +27,17 @@ class Model:
     """A gear ready to be integrated.
 
     Attributes:
-        parameters: that it was built from.
+        parameters: parameter set that the model was built from.
         layout: names and sizes.
         scales: radii, masses, scales (SI).
-        half_backlash_m: (n_mesh,) b' [m], Eq. (3).
-        damping_n_s_per_m: (n_mesh,) c [N s/m], Eq. (11).
+        half_backlash_m: (n_mesh,) b' [m], Eq. (3), without effects.
+        damping_n_s_per_m: (n_mesh,) c [N s/m], Eq. (11), without effects.
         bare: dimensionless data for the kernel, without effects.
         packed: data that the kernel uses: ``bare`` with the changes by effects.
         effects: active effects, as given to ``effects.assemble``; empty without any.
-        own: key and number of the states of each effect.
-        integrator: makes the stepper of a gear that ``packed`` can't fully represent; None for
-            that of the core. If it has ``run_batch``, batches of such gears use that.
+        own: key of each effect that adds states, and their number, in the order of the state.
+        integrator: None, or a function of the model that returns its stepper, for a gear that
+            ``packed`` can't fully represent. Its ``run_batch``, if any, integrates batches.
     """
 
     parameters: Parameters
@@ -53,20 +53,21 @@ class Model:
 
     @property
     def n_own(self) -> int:
-        """Number of coordinates that effects add to those of the layout."""
+        """Number of coordinates in ``packed`` that effects add to those of the layout."""
         return len(self.packed.seat)
 
     @property
     def n_state(self) -> int:
-        """Length of a state: ``Layout.state_names``, then displacements and rates of further
-        coordinates.
+        """Length of a state: that of ``Layout.state_names``, and the states that effects add.
+
+        Those of ``packed`` are displacements of all added coordinates, then their rates.
         """
         own = sum(size for _, size in self.own) if self.integrator else 2 * self.n_own
         return self.layout.n_state + own
 
 
 def build(p: Parameters) -> Model:
-    """Model of a parameter set.
+    """Return the model of a parameter set, without effects.
 
     Raises:
         ParameterError: the temperature rise takes more backlash than there is (b' < 0).
@@ -79,13 +80,13 @@ def build(p: Parameters) -> Model:
 
 
 def mean_sun_force(model: Model) -> float:
-    """Mean force of each sun mesh [N] that balances the input torque."""
+    """Return the mean normal force of a sun mesh [N] that balances the input torque T_1."""
     p, s = model.parameters, model.scales
     return p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
 
 
 def half_backlashes(p: Parameters, s: Scales) -> Array:
-    """Half-backlash b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError if negative."""
+    """Return b' [m] of each mesh (n_mesh,), Eqs. (2), (3); ParameterError if one is negative."""
     alpha_w = float(np.radians(p.alpha_w))
     losses = [
         mesh.thermal_backlash_loss(p.delta_T, p.gamma, s.m_t, z + p.z_p, alpha_w)
@@ -105,7 +106,7 @@ def half_backlashes(p: Parameters, s: Scales) -> Array:
 
 
 def mesh_damping(p: Parameters, s: Scales) -> Array:
-    """Damping c [N s/m] of each mesh (n_mesh,), Eq. (11)."""
+    """Return the damping c [N s/m] of each mesh (n_mesh,), Eq. (11)."""
     n = p.layout.n_mesh
     c_sp = mesh.damping(p.xi, p.k_m_sp, s.M_s, s.M_p)
     c_rp = mesh.damping(p.xi, p.k_m_rp, s.M_r, s.M_p)
@@ -114,9 +115,10 @@ def mesh_damping(p: Parameters, s: Scales) -> Array:
 
 
 def mesh_phases(p: Parameters) -> Array:
-    """Phase shift [rad] (n_mesh,) of k and e: ``mesh_phase``, plus geometric phasing if chosen.
+    """Return the phase shifts [rad] (n_mesh,) of k and e: ``mesh_phase`` and those of planets.
 
-    With planets at angles psi, the sun meshes shift by z_s psi and the ring meshes by -z_r psi.
+    Under geometric ``phasing``, with planets at angles psi, the sun meshes also shift by z_s psi
+    and the ring meshes by -z_r psi.
     """
     n = p.layout.n_mesh
     shift = np.array(spread(p.mesh_phase, n))
@@ -129,14 +131,14 @@ def mesh_phases(p: Parameters) -> Array:
 
 
 def mean_stiffness(p: Parameters) -> Array:
-    """Mean stiffness k_m [N/m] of each mesh (n_mesh,)."""
+    """Return the mean stiffness k_m [N/m] of each mesh (n_mesh,)."""
     n = p.layout.n_mesh
     k_m: Array = np.repeat([p.k_m_sp, p.k_m_rp], n // 2) * np.array(spread(p.k_factor, n))
     return k_m
 
 
 def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
-    """Dimensionless data for the kernel."""
+    """Return the dimensionless data of a gear without effects for the kernel."""
     layout = p.layout
     n = layout.n_mesh
     shift = mesh_phases(p)
@@ -197,16 +199,16 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
 
 
 def _rows(amplitudes: list[Array], h: int, n: int) -> Array:
-    """Amplitudes (h, n) of the harmonics, zero for missing ones."""
+    """Return amplitudes of harmonics as an array (h, n), with zeros where the list is shorter."""
     rows = np.zeros((h, n))
     rows[: len(amplitudes)] = np.array(amplitudes).reshape(-1, n)
     return rows
 
 
 def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
-    """e and de/dtau (n_mesh,) of all meshes at a phase [rad], in units of b_c, Eqs. (9), (10).
+    """Return e and de/dtau (n_mesh,) of all meshes at a phase [rad], in b_c, Eqs. (9), (10).
 
-    Without effects: displacements by effects are not contained in x and v.
+    These are the errors without effects, as x and v do not contain displacements by effects.
     """
     p = model.bare
     orders = p.orders[:, None]
@@ -217,11 +219,10 @@ def errors_at(model: Model, phase: float) -> tuple[Array, Array]:
 
 
 def relative(model: Model, y: Array, phase: float) -> tuple[Array, Array]:
-    """Relative displacements x and velocities v (n_mesh,) of a state, Eqs. (15), (16),
-    dimensionless.
+    """Return the dimensionless x and v (n_mesh,) of a state, Eqs. (15), (16).
 
     Args:
-        y: (n_state,) as ``Layout.state_names``.
+        y: (n_state,) as ``Layout.state_names``, without states that effects add.
         phase: mesh phase [rad].
     """
     e, rate = errors_at(model, phase)
@@ -230,14 +231,13 @@ def relative(model: Model, y: Array, phase: float) -> tuple[Array, Array]:
 
 
 def _deflect(coordinates: Array) -> Array:
-    """Deflections (n_mesh,) without errors from coordinates (n_coordinate,)."""
+    """Return the deflections (n_mesh,) without errors from coordinates (n_coordinate,)."""
     sides = np.repeat(coordinates[:2], (len(coordinates) - 2) // 2)
     return np.concatenate([sides - coordinates[2:], coordinates[2:]])
 
 
 def state(model: Model, x: Array, v: Array, phase: float) -> Array:
-    """State y (n_state,) from relative displacements and velocities (n_mesh,), inverse of
-    ``relative``.
+    """Return the state y (n_state,) with dimensionless x and v (n_mesh,); inverse of ``relative``.
 
     The sun meshes of planets 2.. follow from geometry; their entries in x and v are not read.
     """
@@ -246,14 +246,14 @@ def state(model: Model, x: Array, v: Array, phase: float) -> Array:
 
 
 def _coordinates(deflection: Array) -> Array:
-    """Coordinates (n_coordinate,) from deflections (n_mesh,) without errors."""
+    """Return the coordinates (n_coordinate,) from deflections (n_mesh,) without errors."""
     sun, ring = np.split(deflection, 2)
     c = len(ring) // 2
     return np.concatenate([[sun[0] + ring[0], sun[c] + ring[c]], ring])
 
 
 def initial_state(model: Model) -> Array:
-    """State y (n_state,) at phase 0 from initial_x, initial_v and the seeded initial_noise."""
+    """Return y at phase 0 from initial_x, initial_v, initial_noise, without states of effects."""
     p = model.parameters
     c = model.layout.n_classes
     x = np.repeat(spread(p.initial_x, 4), c)
@@ -265,10 +265,10 @@ def initial_state(model: Model) -> Array:
 
 
 def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
-    """State for changed parameters with the same relative displacements and velocities.
+    """Return the state of a changed gear with the same relative displacements and velocities.
 
     A change of the error or of Omega changes e and de/dtau, and the coordinates accordingly. With
-    errors that differ between planets only the ring meshes and planet 1 keep theirs bitwise.
+    errors that differ between planets, x and v can be kept only at ring meshes and planet 1.
     """
     same = all(
         np.array_equal(getattr(old.bare, name), getattr(new.bare, name))
@@ -278,7 +278,7 @@ def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
 
 
 def body_displacements(model: Model, y: Array) -> Array:
-    """u = r_b theta of all bodies (n_bodies,) in units of b_c, rigid rotation removed.
+    """Return u = r_b theta of all bodies (n_bodies,) in units of b_c, rigid rotation removed.
 
     The rigid rotation (2 on the suns, 1 elsewhere) is chosen such that the momentum sum 2 M_s u_s
     + M_p u_p + M_c u_c is zero.
@@ -294,8 +294,10 @@ def body_displacements(model: Model, y: Array) -> Array:
 
 
 def jacobian(model: Model, y: Array, phase: float) -> Array:
-    """Derivative (n_state, n_state) of dy/dtau with respect to y, away from the kinks of the
-    backlash.
+    """Return the derivative (n_state, n_state) of dy/dtau with respect to y, away from kinks.
+
+    Only effects on stiffness (not by events), damping and half-backlash are contained, and y must
+    not have states of effects.
     """
     packed = model.packed
     m = model.layout.n_coordinate

@@ -1,24 +1,24 @@
 """All that the package uses of Numba beyond its public interface, and why.
 
 Numba guarantees none of this, so requirements.txt fixes the minor version that the tests run with.
-To take a new one, change ``TESTED`` and that line together once the tests pass.
+For a new version, change ``TESTED`` and that line together once the tests pass.
 
 - ``COMPILED``: option ``_nrt=False`` disables Numba's reference counting. Nothing can then be
   allocated in compiled code. Counting a dozen arrays a call took a third of the kernel's time.
-- ``LINKED``: options for functions that only compiled code calls. They have no wrappers by which
-  Python and C call them, and are only linked into their callers (``LinkedCompiler``). Numba would
-  optimise each function with all that it calls, and turn it into machine code: what stands ten
-  calls deep, ten times.
+- ``LINKED``: options for functions that only compiled code calls. They get no wrappers for calls
+  from Python and C, and are only linked into their callers (``LinkedCompiler``). Otherwise Numba
+  optimises each function together with all that it calls, and generates its machine code: a
+  function ten calls deep is compiled ten times.
 - ``ir``, ``cgutils``, ``make_array``: vectors of sixteen float64 as a type, for
   ``core.lanes.vector``. Numba has no public type of that kind, and its compiler does not
   vectorise loops over lanes.
 - ``Conversion``: allows one number to stand for sixteen, in the same file.
-- ``entry_point``: a compiled function without the check of its argument types, which for a gear
-  by laws takes longer than a mesh cycle (``effects.law_stepper``).
+- ``entry_point``: calls a compiled function without the check of its argument types, which for a
+  gear by laws takes longer than a mesh cycle (``effects.law_stepper``).
 - ``event``: reports when a compilation begins, for the node's ``compiling`` in /diagnostics.
-- ``wrapper_address``: a compiled function as a pointer that another takes as argument
+- ``wrapper_address``: a compiled function as a pointer that is an argument of another
   (``effects.gear``). The public ``cfunc`` compiles a second time and is not cached on disk.
-- ``NumbaExperimentalFeatureWarning``: Numba's warning at every call of such a pointer.
+- ``NumbaExperimentalFeatureWarning``: Numba's warning where such a pointer is an argument.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ __all__ = [
 
 
 class _Unloaded:
-    """Code generator of a library without machine code: there is no environment to set."""
+    """Code generator of a library without machine code; passes on all but ``set_env``."""
 
     def __init__(self, codegen: Any) -> None:
         self._codegen = codegen
@@ -59,7 +59,7 @@ class _Unloaded:
         return getattr(self._codegen, name)
 
     def set_env(self, name: str, env: Any) -> None:
-        """Leave out what only machine code has."""
+        """Do nothing: only machine code has an environment."""
 
 
 class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -71,7 +71,7 @@ class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         return _Unloaded(self._codegen)
 
     def get_pointer_to_function(self, name: str) -> int:
-        """No address: there is no machine code."""
+        """Return 0, no address: there is no machine code."""
         self._ensure_finalized()
         return 0
 
@@ -83,10 +83,10 @@ class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class LinkedCompiler(Compiler):  # type: ignore[misc]
-    """Compile for callers only."""
+    """Compiler of functions that are only linked into their callers."""
 
     def define_pipelines(self) -> Any:
-        """Those of Numba, which write into a library of this kind."""
+        """Return Numba's pipelines, after a ``LinkedLibrary`` is set for them to write into."""
         codegen = self.state.targetctx.codegen()
         self.state.library = LinkedLibrary(codegen, self.state.func_id.func_qualname)
         return super().define_pipelines()
@@ -102,6 +102,6 @@ LINKED = {
 
 
 def entry_point(function: Any, kinds: tuple[Any, ...]) -> Any:
-    """A compiled function for arguments of these Numba types, compiled if necessary."""
+    """Compile a function for these Numba types; return it without the check of its arguments."""
     function.compile(kinds)
     return function.overloads[kinds].entry_point

@@ -1,4 +1,4 @@
-"""Integrate one orbit with the kernel of the lanes, one step of the phase grid at a time."""
+"""Integrate one orbit with the kernel of ``core.lanes``, one step of the phase grid at a time."""
 
 from __future__ import annotations
 
@@ -29,12 +29,11 @@ class Orbit(NamedTuple):
     """Data of one orbit for the kernel; both halves are integrated.
 
     Attributes:
-        shape: tuples of zeros, as many as sides and as classes, so that loops over them are
-            unrolled; one more if the gear is ``Packed.extended``.
-        near: None, or the columns to integrate too, see ``lanes.columns``.
+        shape: see ``lanes.packed``.
         work: constants and work arrays; ``work.y (1 + k, n_state)`` is the state and k tangents.
-        inverse: (order + 2,) 1 / i.
-        controlled: whether K != 0, or there are further torques.
+        near: None, or derivatives by parameters to integrate too, see ``lanes.columns``.
+        inverse: (order + 2,) 1 / i at index i, 1 at index 0.
+        controlled: whether K != 0, or effects add torques.
     """
 
     shape: tuple[tuple[int, ...], ...]
@@ -45,10 +44,10 @@ class Orbit(NamedTuple):
 
 
 def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit:
-    """Orbit of a model with ``tangents`` tangent vectors, its state still zero.
+    """Return the orbit data of a model with ``tangents`` tangent vectors; its state is zero.
 
     Args:
-        others: gears that the arrays must be large enough for as well.
+        others: gears whose constants the arrays must be able to hold as well.
     """
     p, layout, gears = model.parameters, model.layout, [model, *others]
     shape = shape_of(gears, model.n_own)
@@ -68,10 +67,11 @@ def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit
 @embedded
 def grid_step(move, orbit, cycle, index):
     """Advance the state and its tangents by one step of the phase grid; returns the number of
-    switches.
+    located switches.
 
     Args:
-        move: one step of the series, as for ``lanes.run.through_lanes``.
+        move: advances to the next switch or the end, as for ``lanes.run.through_lanes``.
+        cycle, index: mesh cycle and step in it at which the step begins.
     """
     w = orbit.work
     begin_cycle(w, 0, cycle)

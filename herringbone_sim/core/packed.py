@@ -1,9 +1,9 @@
-"""Data and work arrays of the kernel: the packed model and the arrays of a run.
+"""Constants of a gear for compiled code, work arrays of its right-hand side, Numba decorators.
 
 All is dimensionless (Eq. 17). ``y (n_state,)`` holds displacements then velocities as in
 ``layout.Layout.state_names``. Left and right undergo the same operations in the same order, as
-rounding would otherwise break their symmetry in a chaotic transient; arithmetic is therefore never
-fused or reordered.
+rounding would otherwise break their symmetry in a chaotic transient; the compiler must therefore
+not fuse or reorder arithmetic.
 """
 
 from __future__ import annotations
@@ -39,11 +39,14 @@ embedded: Any = njit(inline="always", **COMPILED)
 
 
 class Packed(NamedTuple):
-    """The model as the kernel reads it; n = n_mesh, c = n_classes, all dimensionless.
+    """Constants of a gear in the form of the kernel, all dimensionless.
+
+    n = n_mesh, c = n_classes, m = n_coordinate; s coordinates are added by effects (a moving ring
+    or pin), each on a spring, its seat.
 
     Attributes:
         classes: c zeros: the length of a tuple is part of its type, so loops over c are unrolled.
-        multiplicity: number of planets that one class represents.
+        multiplicity: number of planets that each class represents.
         stiffness: (n,) mean mesh stiffness times the projection over omega_n^2 [kg].
         damping: (n,) mesh damping times the projection over omega_n [kg].
         orders: (h,) orders of the mesh frequency, not necessarily integer, of the harmonics of k
@@ -61,32 +64,31 @@ class Packed(NamedTuple):
         window_k: (w, n) relative loss of k at the middle of an event.
         window_d: (w, n) displacement at the middle of an event.
         b: (n,) half-backlash b' (Eq. 3).
-        inv_M_s: (2,) of the sun halves [1/kg].
-        inv_M_p: (2, c) of the planet halves [1/kg].
-        inv_M_c: of the carrier [1/kg].
+        inv_M_s: (2,) inverse masses of the sun halves [1/kg].
+        inv_M_p: (2, c) inverse masses of the planet halves [1/kg].
+        inv_M_c: inverse mass of the carrier [1/kg].
         load_q: (2,) constant acceleration of q_S by T_1 and T_2.
         load_r: constant acceleration of r by T_2.
-        control_q: (2,) share of K cos(...) subtracted from the acceleration of q_S.
-        control_r: (2,) share subtracted from the acceleration of r_S.
+        control_q: (2,) factor on K cos(...), subtracted from the acceleration of q_S.
+        control_r: (2,) the same for r_S.
         control_order: control frequency over mesh frequency.
         control_phase: rad.
-        load_orders: (l,) orders of the mesh frequency of the harmonics of further torques.
-        load_cos: (l, m + s) cosine amplitudes of the accelerations that they give the coordinates.
+        load_orders: (l,) orders of the mesh frequency of the harmonics of torques by effects.
+        load_cos: (l, m + s) cosine amplitudes of the accelerations of coordinates by them.
         load_sin: (l, m + s) sine amplitudes.
-        plain: whether all of the following is empty.
-        extended: one zero if it is not, as in ``classes``, so that plain gears compile without it.
+        plain: whether there are no added coordinates, no friction and only forces k f + c v.
+        extended: one zero unless ``plain``, as in ``classes``: plain gears compile without these.
         powers: whether forces are nonlinear between switches: a non-constant power in ``law``, or
             rounded corners in ``seat``.
         law: (5, n) mesh force k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2] (|f| /
-            law[4])^law[3]]; exponents 1 and share 0 give k f + c v.
-        own_shift: (s, n) displacement of the meshes by s further coordinates.
-        seat: (s, 4) their springs: stiffness, damping, half of the clearance, rounding of its
+            law[4])^law[3]]; law[1] = 1 and law[2] = 0 give k f + c v.
+        own_shift: (s, n) displacement of each mesh per unit of each added coordinate.
+        seat: (s, 4) of the seats: stiffness, damping, half of the clearance, rounding of its
             corners.
-        push: (3, m + s + 1, n + s) accelerations of the coordinates by unit forces of the meshes
-            and of those springs, the last row for the carrier, which acts on all coordinates of
-            the layout; without friction, by friction (constant part), and by friction in
-            proportion to the turn s from the pitch point.
-        pairs: (t, 2) rows and columns of ``push`` with non-zero entries.
+        push: (3, m + s + 1, n + s) accelerations of the coordinates by unit forces of meshes and
+            seats: [0] without friction; by friction [1] constant, [2] per mesh cycle from the
+            pitch point. The last row is the carrier's, which acts on all m coordinates.
+        pairs: (t, 2) rows and columns of ``push`` with non-zero entries, sorted by row.
         rubs: (r,) meshes with friction.
         K: control amplitude.
         Omega: mesh frequency over omega_n.
@@ -135,20 +137,18 @@ class Packed(NamedTuple):
 
 
 def of_one_type(packed: Packed) -> Packed:
-    """The model with the type of a plain one, for code that has no part for plain gears alone.
+    """Return the constants with the type of a plain gear's, whether the gear is plain or not.
 
-    Such code is compiled once for both kinds.
+    Code that does not read ``extended`` is then compiled once for both.
     """
     return packed._replace(extended=())
 
 
 class Work(NamedTuple):
-    """Work arrays of the right-hand side and of RK4; n = n_mesh, m = coordinates, s further
-    ones.
-    """
+    """Work arrays of the right-hand side and of RK4; n, m and s as in ``Packed``."""
 
     k: Array  # (n,) stiffness at one phase
-    error: Array  # (n,) e, taken off G q to get the deflection
+    error: Array  # (n,) e, subtracted from G q (Eqs. 15, 16) to get the deflection
     error_rate: Array  # (n,) de/dtau
     x: Array  # (n,) deflection
     v: Array  # (n,) its rate
@@ -159,11 +159,7 @@ class Work(NamedTuple):
 
 
 def make_work(n_mesh: int, n_coordinate: int, n_own: int = 0) -> Work:
-    """Work arrays for a gear.
-
-    Args:
-        n_own: number of further coordinates, as rows of ``Packed.seat``.
-    """
+    """Return work arrays for a gear; ``n_own`` is the number of rows of ``Packed.seat``."""
     n_all = n_coordinate + n_own
     sizes = *(n_mesh,) * 5, n_mesh + n_own, n_all, (4, 2 * n_all), 2 * n_all
     return Work(*(np.zeros(size) for size in sizes))

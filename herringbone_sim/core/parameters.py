@@ -3,8 +3,8 @@
 One name everywhere: the field here is YAML key, ROS parameter and recorded metadata. Defaults are
 the nominal rig (``config/rig.yaml``); ``config/paper.yaml`` is the set of the paper. Lists over
 meshes have length 1 (all equal) or 4 N, in the order of ``layout``: sun-planet left 1..N, right
-1..N, then ring-planet the same (N = 1 in the reduced model). Lists over planet halves: left,
-right.
+1..N, then ring-planet the same (N = 1 in the reduced model). Lists over planet halves: left 1..N,
+right 1..N.
 
 Over 300 lines: half of it is the table of the parameters.
 """
@@ -32,9 +32,7 @@ class ParameterWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Meaning:
-    """Description of a parameter: unit, text with its equation, range or choices, whether it is
-    live.
-    """
+    """Description of a parameter: unit, text, range or choices, whether it may change in a run."""
 
     unit: str
     text: str
@@ -53,6 +51,8 @@ def _p(default: Any, unit: str, text: str, *bounds: float, **more: Any) -> Any:
 @dataclass(frozen=True)
 class Parameters:
     """Parameters of a herringbone planetary gear and of its integration; see ``meaning`` for each.
+
+    A gear that can't be assembled gives a ``ParameterWarning``.
 
     Raises:
         ParameterError: a value out of its range, or values that contradict each other.
@@ -178,7 +178,8 @@ class Parameters:
 
     @property
     def steps(self) -> int:
-        """Steps per mesh cycle: the smallest sufficient multiple of ``samples_per_cycle``.
+        """Integration steps per mesh cycle: the least sufficient multiple of
+        ``samples_per_cycle``.
 
         The error of the Taylor step is bounded if it is short compared with the natural period (at
         small Omega a mesh cycle contains many) and with the highest harmonic of the excitation.
@@ -190,7 +191,7 @@ class Parameters:
         return self.samples_per_cycle * math.ceil(least / self.samples_per_cycle - 1e-9)
 
     def changed(self, values: Mapping[str, Any]) -> Parameters:
-        """Copy with some values changed, converted by ``coerce``; ParameterError as when built.
+        """Return a copy with changed values, converted by ``coerce``; ParameterError if wrong.
 
         Warnings that this set has given already are not repeated.
         """
@@ -214,7 +215,7 @@ def live_names() -> tuple[str, ...]:
 
 
 def meaning(name: str) -> Meaning:
-    """Description of a parameter; ParameterError for an unknown name."""
+    """Return the description of a parameter; ParameterError for an unknown name."""
     item = Parameters.__dataclass_fields__.get(name)
     if item is None:
         raise ParameterError(f"no parameter {shown(name)}; there are {', '.join(names())}")
@@ -223,7 +224,9 @@ def meaning(name: str) -> Meaning:
 
 
 def coerce(name: str, value: Any) -> Value:
-    """Value converted to the type of its field; an integer is accepted for a float.
+    """Return a value converted to the type of the parameter ``name``.
+
+    An integer is accepted for a float, a number for a list. The range is not checked.
 
     Raises:
         ParameterError: the value can't be read as that type.
@@ -253,28 +256,28 @@ def coerce(name: str, value: Any) -> Value:
 
 
 def from_mapping(values: Mapping[str, Any]) -> Parameters:
-    """Parameters from YAML keys or recorded metadata.
+    """Build parameters from values by name, as in YAML or recorded metadata, see ``coerce``.
 
     Raises:
-        ParameterError: an unknown key, a wrong type, or values that contradict each other.
+        ParameterError: an unknown key, or a wrong type, range or combination of values.
     """
     known: dict[str, Any] = {name: coerce(name, value) for name, value in values.items()}
     return Parameters(**known)
 
 
 def to_mapping(parameters: Parameters) -> dict[str, Any]:
-    """Plain values (lists for tuples) by name, for YAML, JSON and ROS."""
+    """Return all values by name, tuples as lists, for YAML, JSON and ROS."""
     values = {name: getattr(parameters, name) for name in names()}
     return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
 
 def spread(values: Sequence[float], n: int) -> list[float]:
-    """A list of length 1 repeated n times; one of length n as it is."""
+    """Return n values: a list of length 1 repeated n times, any other list as it is."""
     return list(values) * n if len(values) == 1 else list(values)
 
 
 def _check_all(p: Parameters, changed: Iterable[str]) -> None:
-    """Check the changed values one by one, and all values together."""
+    """Raise ParameterError unless the changed values are valid, each and together with others."""
     for name in changed:
         _check(name, getattr(p, name), meaning(name))
     _check_lists(p)
@@ -282,7 +285,7 @@ def _check_all(p: Parameters, changed: Iterable[str]) -> None:
 
 
 def _check(name: str, value: Any, about: Meaning) -> None:
-    """Check type, finiteness and range of one value."""
+    """Raise ParameterError for a wrong type, a value that is not finite, or one out of range."""
     if about.choices:
         if value not in about.choices:
             raise ParameterError(
@@ -306,7 +309,7 @@ def _check(name: str, value: Any, about: Meaning) -> None:
 
 
 def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
-    """The two allowed lengths of each list over meshes, bodies or planets."""
+    """Return the two allowed lengths of each list over meshes, bodies or planets, by name."""
     n = p.layout.n_mesh
     found = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
     found |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
@@ -315,7 +318,7 @@ def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
 
 
 def _check_lists(p: Parameters) -> None:
-    """Check lengths and signs of the lists."""
+    """Raise ParameterError for a list of a wrong length or with a factor of a wrong sign."""
     for name, allowed in lengths(p).items():
         if len(getattr(p, name)) not in allowed:
             raise ParameterError(
@@ -330,7 +333,7 @@ def _check_lists(p: Parameters) -> None:
 
 
 def _least_gap_deg(p: Parameters) -> float:
-    """Smallest angle between neighbouring planets [deg]."""
+    """Return the smallest angle between neighbouring planets [deg]."""
     if not p.planet_angle:
         return 360.0 / p.n_planets
     angles = sorted(angle % 360.0 for angle in p.planet_angle)
@@ -339,7 +342,7 @@ def _least_gap_deg(p: Parameters) -> float:
 
 
 def _check_gear(p: Parameters) -> None:
-    """Check conditions on several parameters."""
+    """Raise ParameterError for a stiffness that turns negative, or a ring not above the sun."""
     if sum(abs(share) for share in p.k_amp) >= 1.0:
         raise ParameterError(
             f"k_amp must sum to less than 1 or stiffness turns negative, got {shown(p.k_amp)}"
@@ -352,7 +355,7 @@ def _check_gear(p: Parameters) -> None:
 
 
 def obstacles(p: Parameters) -> list[str]:
-    """Rules of assembly that the parameters violate; they can be simulated nevertheless."""
+    """Return a text for each rule of assembly that the parameters violate; none is an error."""
     rules = []
     if p.z_r != p.z_s + 2 * p.z_p:
         rules.append(
@@ -381,7 +384,7 @@ def obstacles(p: Parameters) -> list[str]:
 
 
 def obstacle_text(rule: str) -> str:
-    """Warning about a rule of ``obstacles``."""
+    """Return the text of the warning about a violated rule of ``obstacles``."""
     return f"no such gear can be assembled: {rule}; it runs all the same"
 
 

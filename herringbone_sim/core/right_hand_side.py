@@ -1,4 +1,8 @@
-"""Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it."""
+"""Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it.
+
+Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state, ``phase`` [rad] the mesh phase in
+mesh cycle number ``cycle``, ``window`` a row of ``Packed.windows``; all is dimensionless.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,12 @@ import numpy as np
 
 from herringbone_sim.core.packed import TWO_PI, compiled, exposed, inlined
 
-ON_EDGE = 1e-12  # mesh cycles: rounding error of the end of a step after some thousand cycles
+ON_EDGE = 1e-12  # mesh cycles: bound of the rounding error of a phase after some thousand cycles
 
 
 @inlined
 def deflections(p, coordinate, x):
-    """x = G q of Eqs. (15), (16), without the errors: sun meshes q - r, ring meshes r."""
+    """Write x = G q of Eqs. (15), (16), without errors: sun meshes q - r, ring meshes r."""
     c = len(p.classes)
     for side in range(2):
         for i in range(c):
@@ -22,7 +26,7 @@ def deflections(p, coordinate, x):
 
 @exposed
 def accelerate(p, force, acceleration):
-    """Subtract the accelerations by the mesh forces (Eqs. 12-14, in the form of 18), in place."""
+    """Add the accelerations by mesh forces (n_mesh,), Eqs. (12)-(14) as in (18), in place."""
     c = len(p.classes)
     half = 2 * c
     sun_left = 0.0
@@ -48,27 +52,27 @@ def accelerate(p, force, acceleration):
 
 @inlined
 def angle_of(order, phase, cycle):
-    """Angle [rad] of a harmonic of any order at a phase of a mesh cycle, without whole turns."""
+    """Return the angle [rad] of a harmonic of any order, whole turns of ``cycle`` removed."""
     turns = order * cycle
     return TWO_PI * (turns - np.floor(turns)) + order * phase
 
 
 @inlined
 def control_angle(p, phase, cycle):
-    """Argument of the control, order * phase + control_phase (Eq. 20), without whole turns."""
+    """Return the argument [rad] of the control, order * phase + control_phase (Eq. 20)."""
     return angle_of(p.control_order, phase, cycle) + p.control_phase
 
 
 @inlined
 def cycles_from_event(window, phase, cycle):
-    """Mesh cycles from the middle of the nearest event of a row of ``Packed.windows``."""
+    """Return the mesh cycles since the middle of the nearest event, negative before it."""
     s = cycle + phase / TWO_PI - window[1]
     return s - window[0] * np.floor(s / window[0] + 0.5)
 
 
 @inlined
 def cycles_to_edge(window, phase, cycle):
-    """Mesh cycles to the next edge of an event; an edge within rounding counts as passed."""
+    """Return the mesh cycles to the next edge of an event that is not within ``ON_EDGE``."""
     s = cycles_from_event(window, phase, cycle)
     half = 0.5 * window[2]
     if s < -half - ON_EDGE:
@@ -80,7 +84,7 @@ def cycles_to_edge(window, phase, cycle):
 
 @inlined
 def excite(p, w, phase, cycle):
-    """Write k, e and de/dtau of all meshes at a phase (Eqs. 7-10)."""
+    """Write k, e and de/dtau of all meshes (Eqs. 7-10, with effects) into ``w``."""
     n = 4 * len(p.classes)
     for m in range(n):
         w.k[m] = p.stiffness[m]
@@ -105,7 +109,7 @@ def excite(p, w, phase, cycle):
 
 @inlined
 def window_at(p, j, phase, cycle):
-    """Height of event j at a phase, 1 at its middle and 0 outside, and its derivative by tau."""
+    """Return the height of event j, 1 at its middle and 0 outside, and its derivative by tau."""
     s = cycles_from_event(p.windows[j], phase, cycle)
     width = p.windows[j, 2]
     if abs(s) < 0.5 * width:
@@ -116,7 +120,7 @@ def window_at(p, j, phase, cycle):
 
 @inlined
 def hide_displacement(p, w, y, phase, cycle):
-    """Subtract the displacement of effects and its rate from ``w.x`` and ``w.v``, for samples."""
+    """Subtract the displacements that effects add, and their rates, from ``w.x`` and ``w.v``."""
     n = 4 * len(p.classes)
     shift_by_own(p, y, -1.0, w.x, w.v)
     for m in range(n):
@@ -138,7 +142,7 @@ def hide_displacement(p, w, y, phase, cycle):
 
 @inlined
 def shift_by_own(p, y, sign, x, v):
-    """Add (sign 1) or subtract (-1) the mesh displacement by further coordinates, and its rate."""
+    """Add (sign 1) or subtract (-1) the mesh displacement by added coordinates, and its rate."""
     s = p.seat.shape[0]
     first = 4 + 4 * len(p.classes)
     for j in range(s):
@@ -149,7 +153,7 @@ def shift_by_own(p, y, sign, x, v):
 
 @inlined
 def force_law(p, m, k, f, v):
-    """Force of mesh m at a deflection f beyond the backlash and a velocity v, by
+    """Return the force of mesh m at deflection f beyond the backlash and rate v, by
     ``Packed.law``.
     """
     spring = f
@@ -164,11 +168,10 @@ def force_law(p, m, k, f, v):
 
 @inlined
 def pitch_side(phase, turn):
-    """Turn of a flank from its pitch point at a phase, -0.5 to 0.5 mesh cycles, and on which side
-    it is.
+    """Return the mesh cycles from the pitch point, -0.5 to 0.5, and the side (1 after, -1 before).
 
-    A step begins there, takes a fraction ``turn`` of a mesh cycle and never crosses the pitch
-    point, so its middle determines the side.
+    The step that begins at ``phase`` takes ``turn`` mesh cycles and never crosses a pitch point,
+    so its middle determines the side.
     """
     start = phase / TWO_PI
     middle = start + 0.5 * turn
@@ -178,7 +181,7 @@ def pitch_side(phase, turn):
 
 @inlined
 def hold_law(p, j, displacement, rate):
-    """Force of the spring of further coordinate j, by ``Packed.seat``."""
+    """Return the force of the spring and damper of added coordinate j, by ``Packed.seat``."""
     half = p.seat[j, 2]
     play = max(displacement - half, 0.0) + min(displacement + half, 0.0)
     if p.seat[j, 3] != 0.0:
@@ -191,7 +194,7 @@ def hold_law(p, j, displacement, rate):
 
 @inlined
 def push_own(p, w, y, phase, acceleration):
-    """Add the accelerations by friction and by the springs of further coordinates (m + s,)."""
+    """Add the accelerations by ``Packed.push`` (friction, seats) to those of all coordinates."""
     s = p.seat.shape[0]
     m = 2 + 2 * len(p.classes)
     n = 4 * len(p.classes)
@@ -212,7 +215,7 @@ def push_own(p, w, y, phase, acceleration):
 
 @inlined
 def turn_carrier(p, carrier, acceleration):
-    """Add an acceleration of the carrier to all coordinates, which are relative to it."""
+    """Apply an acceleration of the carrier to all coordinates, which are relative to it."""
     for side in range(2):
         acceleration[side] -= 2.0 * carrier
     for k in range(2, 2 + 2 * len(p.classes)):
@@ -221,9 +224,8 @@ def turn_carrier(p, carrier, acceleration):
 
 @inlined
 def mesh_forces(p, w, y, phase, cycle):
-    """Compute deflection, its rate and the force k f(x) + c v of all meshes (Eqs. 1, 4, 12).
-
-    Results are in ``w.x``, ``w.v`` and ``w.force``, dimensionless.
+    """Write deflection, its rate and the force k f(x) + c v of all meshes (Eqs. 1, 4, 12) into
+    ``w.x``, ``w.v`` and ``w.force``.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)
@@ -244,7 +246,7 @@ def mesh_forces(p, w, y, phase, cycle):
 
 @exposed
 def right_hand_side(p, w, y, phase, cycle, dy):
-    """Write dy/dtau of Eqs. (18), (22) at a phase, including the kinks of f."""
+    """Write dy/dtau of Eqs. (18), (22) into ``dy``, including the kinks of f."""
     m = 2 + 2 * len(p.classes)
     s = p.seat.shape[0]
     mesh_forces(p, w, y, phase, cycle)
@@ -275,7 +277,7 @@ def right_hand_side(p, w, y, phase, cycle, dy):
 
 @compiled
 def rk4_step(p, w, y, phase, cycle, h):
-    """Advance y by h with the classical Runge-Kutta method of order 4, the method of the paper.
+    """Advance y in place by h (tau) with the classical Runge-Kutta method, that of the paper.
 
     It does not locate contact changes.
     """

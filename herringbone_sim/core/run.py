@@ -1,4 +1,4 @@
-"""Compiled run over the phase grid, with one row of samples at a time.
+"""Compiled integration of one orbit over the phase grid, with samples or without.
 
 Over 300 lines: each compiled function stands beside the method that calls it.
 """
@@ -32,11 +32,17 @@ from herringbone_sim.core.sensitivity import Directions
 
 @compiled
 def write_row(p, w, y, phase, cycle, head, si, carrier, row):
-    """Write one sample: head, then x, v, F of the meshes, then u of the bodies; returns max |x|.
+    """Write one sample: head, then x, v, F of the meshes, then u of the bodies, in SI units.
 
-    ``w`` is as ``mesh_forces`` leaves it; x and v are written without the displacement of effects.
-    ``carrier (n_coordinate,)`` gives u_c, which all other bodies contain, so left and right
-    undergo the same operations. The result is NaN if any x is.
+    Call ``mesh_forces`` before; x and v are written without the displacements by effects.
+
+    Args:
+        head: (5,) first values of the row, see ``layout.HEAD``; the phase is computed instead.
+        si: (4,) SI units of x, v, F, and of x over cos beta.
+        carrier: (n_coordinate,) row that gives u_c [m] from the coordinates.
+
+    Returns:
+        largest |x| in units of b_c, NaN if any x is.
     """
     hide_displacement(p, w, y, phase, cycle)
     n = 4 * len(p.classes)
@@ -56,8 +62,10 @@ def write_row(p, w, y, phase, cycle, head, si, carrier, row):
 
 @inlined
 def write_bodies(y, carrier, tilt, first, row):
-    """Write u of the bodies into a row from index ``first`` on; ``tilt`` is the unit of y over cos
-    beta.
+    """Write u [m] of the bodies into a row from index ``first`` on.
+
+    ``tilt`` is b_c over cos beta. All bodies contain the same u_c, so that left and right undergo
+    the same operations.
     """
     u_c = 0.0
     for k in range(carrier.size):
@@ -71,8 +79,8 @@ def write_bodies(y, carrier, tilt, first, row):
 
 @compiled
 def orthonormalise(tangents, growth):
-    """Gram-Schmidt orthonormalisation in place; adds the logarithms of the lengths to
-    ``growth``.
+    """Orthonormalise tangents (k, n) in place by Gram-Schmidt; add the logarithms of the lengths
+    to ``growth`` (k,).
     """
     for i in range(tangents.shape[0]):
         for j in range(i):
@@ -94,13 +102,16 @@ def orthonormalise(tangents, growth):
 def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    The run stops after the first row that is out of range.
+    Stops after the first row that is out of range (``LIMIT``). y, tangents, growth and place are
+    advanced in place; tangents are orthonormalised at phase 0. The time is that of the next row.
 
     Args:
         step: the method; ``step(kernel, y, cycle, index)`` advances y by a step of the grid.
-        place: (cycle, index), advanced in place.
+        place: (2,) mesh cycle and step index.
+        t: time [s] of the first row.
         grid: omega_n, steps per mesh cycle, ``stride``.
-        out: head, units and row of the carrier, as for ``write_row``; rows; contact (n_mesh, 3).
+        out: head, si and carrier as for ``write_row``; rows; contact (n_mesh, 3), in which the
+            samples in back contact, separated and in drive contact are counted.
     """
     omega_n, steps, stride = grid
     head, si, carrier, rows, contact = out
@@ -128,10 +139,10 @@ def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
 
 @embedded
 def over_cycles(step, kernel, y, cycle, cycles, steps):
-    """Advance y, and its tangents, over whole mesh cycles without samples.
+    """Advance y, and the tangents in ``kernel``, over whole mesh cycles without samples.
 
-    Tangents are not rescaled: those of the unit matrix become the transposed monodromy matrix. The
-    steps, and therefore the state bit for bit, are those of ``sample``.
+    Tangents are not rescaled: the unit matrix becomes the transposed monodromy matrix. The steps,
+    and therefore the state bit for bit, are those of ``sample``.
     """
     for c in range(cycle, cycle + cycles):
         for index in range(steps):
@@ -158,7 +169,7 @@ def rk4_grid_step(kernel, y, cycle, index):
     return 0
 
 
-# Each method is compiled by itself, when it is first used.
+# A function for each method: only those that are used are compiled.
 @compiled
 def run_plain(kernel, p, w, y, tangents, growth, place, t, grid, out):
     """``sample`` by Taylor series; forces linear between switches (not ``Packed.powers``)."""
@@ -197,8 +208,8 @@ def cross_rk4(kernel, y, cycle, cycles, steps):
 
 @compiled
 def read_rows(p, w, states, places, steps, head, si, carrier, rows):
-    """Write samples of given states (n, n_state) at places (n, 2), (cycle, index) each, into
-    rows.
+    """Write the samples of states (n, n_state) at ``places`` (n, 2), mesh cycle and step index,
+    into rows.
     """
     for i in range(states.shape[0]):
         phase = TWO_PI * places[i, 1] / steps
@@ -217,12 +228,12 @@ def keep_columns(near, columns):
 
 @embedded
 def trace(step, orbit, place, steps, stride, states, columns):
-    """Copy state, tangents and columns at samples ``stride`` steps apart into arrays.
+    """Advance an orbit and record state, tangents and columns at samples ``stride`` steps apart.
 
     Args:
-        place: (cycle, index), advanced in place.
-        states: (n, 1 + k, n_state).
-        columns: (n, p, n_state).
+        place: (2,) mesh cycle and step index, advanced in place.
+        states: (n, 1 + k, n_state) output: state, then k tangents.
+        columns: (n, p, n_state) output; left as it is if ``orbit.near`` is None.
     """
     y = orbit.work.y
     for i in range(states.shape[0]):
@@ -246,12 +257,12 @@ def trace_plain(orbit, place, steps, stride, states, columns):
 
 @compiled
 def trace_powers(orbit, place, steps, stride, states, columns):
-    """``trace`` of a gear with powers."""
+    """``trace`` for a gear whose forces are nonlinear between switches (``Packed.powers``)."""
     trace(powers_step, orbit, place, steps, stride, states, columns)
 
 
 class Moving(NamedTuple):
-    """Arrays of a run that a block of samples advances in place.
+    """Arrays of a ``State`` that ``Kernel.run`` advances in place.
 
     Attributes:
         y: (n_state,) state.
@@ -269,7 +280,7 @@ class Moving(NamedTuple):
 
 
 class Kernel:
-    """Compiled run of one orbit of a model; holds work arrays, but no state of a run.
+    """Compiled integration of one orbit of a model; holds work arrays, but no state.
 
     Args:
         model: see ``model.build``.
@@ -295,7 +306,7 @@ class Kernel:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether this process has compiled ``run`` for such a gear."""
+        """Whether this process has compiled, or loaded, ``run`` for this type of gear."""
         made = getattr(self._run, "signatures", None)
         return made is None or any(one[1] == self._kind for one in made)
 
@@ -307,8 +318,8 @@ class Kernel:
     def _begin(
         self, y: Array, tangents: Array, columns: Array | None = None
     ) -> tuple[Any, Array, Array]:
-        """Kernel arguments of the method, and the arrays of state and tangents that it
-        advances.
+        """Return the argument ``kernel`` of compiled functions, and the arrays of state and
+        tangents that they advance, with the given values.
         """
         if self._by_rk4:
             return (self._gear, self._scratch, self.model.parameters.steps), y, tangents
@@ -324,11 +335,14 @@ class Kernel:
         return orbit, states[0], states[1:]
 
     def run(self, moving: Moving, t: float, out: tuple[Any, ...]) -> tuple[float, int, int]:
-        """``sample`` from a state on; ``moving`` is advanced in place.
+        """Fill rows with samples and advance ``moving`` in place, see ``sample``.
 
         Args:
             t: time [s] of the first sample.
-            out: head, units, row of the carrier, rows and contact, as for ``sample``.
+            out: as for ``sample``.
+
+        Returns:
+            time of the next sample [s], rows filled, switches.
         """
         p, model = self.model.parameters, self.model
         kernel, states, vectors = self._begin(moving.y, moving.tangents, moving.columns)
@@ -351,8 +365,8 @@ class Kernel:
     def trace(
         self, y: Array, tangents: Array, columns: Array, place: NDArray[np.int64], n: int
     ) -> tuple[Array, Array, Array]:
-        """States (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at n
-        samples.
+        """Return states (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at n
+        samples, the first at the given state; ``place`` is advanced in place.
         """
         p = self.model.parameters
         orbit, _, _ = self._begin(y, tangents, columns)
@@ -366,14 +380,14 @@ class Kernel:
     def read(
         self, states: Array, places: NDArray[np.int64], rest: tuple[Array, Array, Array]
     ) -> Array:
-        """Rows of samples (n, n_channels) that given states show, in SI units.
+        """Return the samples (n, n_channels) of given states, in SI units.
 
-        Column t is not computed: every row has the time in ``rest``.
+        The time is not computed: every row has that of ``head``.
 
         Args:
             states: (n, n_state), dimensionless.
             places: (n, 2) mesh cycle and step of the phase grid at each state.
-            rest: head, units and row of the carrier, as for ``write_row``.
+            rest: head, si and carrier, as for ``write_row``.
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
         states = np.ascontiguousarray(states)

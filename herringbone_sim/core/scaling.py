@@ -1,4 +1,4 @@
-"""Scales of the dimensionless equations, Eq. (17), and the masses and radii they are made of."""
+"""Scales of the dimensionless equations, Eq. (17), and the masses and radii in them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ class Scales:
             inverse masses, sqrt(k_m (1 / M_s + 1 / M_p)).
         b_c: displacement scale [m].
         T_2: output torque [N m].
-        projection: cos^2 beta on the mesh terms of Eq. (18), or 1 in the reading without it.
+        projection: factor on the mesh terms of Eq. (18): cos^2 beta, or 1 with ``projection:
+            torque``.
     """
 
     m_t: float
@@ -53,14 +54,14 @@ class Scales:
         return self.b_c * self.omega_n**2
 
     def control_torque_n_m(self, K: float) -> float:
-        """Torque amplitude on the carrier [N m] that corresponds to K on every relative
+        """Return the torque amplitude on the carrier [N m] that subtracts K from every relative
         acceleration.
         """
         return self.M_c * self.r_bc * K * self.acceleration_m_per_s2 / self.cos_beta
 
 
 def scales(p: Parameters) -> Scales:
-    """Geometry and scales of a parameter set (Table 1, Eqs. 11, 12, 17)."""
+    """Return geometry, masses and scales of a parameter set (Table 1, Eqs. 11, 12, 17)."""
     cos_beta = float(np.cos(np.radians(p.beta)))
     m_t = p.m_n / cos_beta
     cos_alpha_t = float(np.cos(np.arctan(np.tan(np.radians(p.alpha_n)) / cos_beta)))

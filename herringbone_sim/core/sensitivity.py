@@ -7,9 +7,9 @@ changes these units. A column does not contain the change of an initial state wi
 frequency. A parameter that changes omega_n, such as k_m_sp, changes the mesh frequency Omega
 omega_n with it; set ``omega_n`` to keep it fixed.
 
-The kernel takes the constants at theta + eps and theta - eps, see ``lanes.columns``. They are
+The kernel uses the constants at theta + eps and theta - eps, see ``lanes.columns``. They are
 converted to the length b_c of the gear at theta and to a unit of time in which the mesh frequency
-is the same: phase and time then coincide, and steps have the same length as in the run. The
+is the same: phase and time then coincide, and steps have the same length as at theta. The
 velocities of a column in that unit of time differ from those above by d ln(mesh frequency)/dtheta
 times v.
 """
@@ -29,7 +29,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed
 from herringbone_sim.errors import ParameterError
 
-# Constants of the excitation, with errors and loads.
+# Fields of ``Packed`` that change the series of stiffness, errors or loads.
 EXCITATION = (
     *("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin"),
     *("windows", "window_k", "window_d", "load_q", "load_r", "load_cos", "load_sin"),
@@ -37,7 +37,7 @@ EXCITATION = (
 )
 
 
-# Work arrays that the gears on both sides have for themselves; they share the others.
+# Fields of ``Work`` that neighbours must not share with the orbit; they share the others.
 OF_NEIGHBOURS = (
     *("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force"),
     *("forces", "push", "mix", "mesh", "lane", "bump"),
@@ -46,12 +46,12 @@ OF_NEIGHBOURS = (
 
 @dataclass(frozen=True)
 class Direction:
-    """A parameter to differentiate by: the gears on both sides of its value.
+    """A parameter theta to differentiate by, with the gears on both sides of its value.
 
     Attributes:
-        name: as written, for errors.
-        plus, minus: gears of theta + step and theta - step.
-        step: in the unit of theta.
+        name: name of the parameter, for error messages.
+        plus, minus: models at theta + step and theta - step.
+        step: half of the difference, in the unit of theta.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Direction:
 
 
 def need_series(model: Model, what: str) -> None:
-    """Raise ParameterError for a gear that is not integrated by Taylor series."""
+    """Raise ParameterError for a gear not integrated by Taylor series, which ``what`` needs."""
     if model.integrator is not None:
         raise ParameterError(
             f"{what} need effects that fill slots, got a gear by its effects' own laws: give the "
@@ -72,20 +72,20 @@ def need_series(model: Model, what: str) -> None:
 
 
 class Directions:
-    """All parameters of one run to differentiate by, for the kernel.
+    """The p parameters of one model to differentiate by, in the form of the kernel.
 
     Args:
-        model: the gear at theta.
-        directions: p of them.
+        model: the gear at the present values of the parameters.
+        directions: the parameters.
 
     Raises:
         ParameterError: gears whose arrays differ in size from those of ``model``, ``method: rk4``,
             or effects by their own laws.
 
     Attributes:
-        step: (p,) of each difference.
+        step: (p,) ``Direction.step`` of each.
         clock: (p,) d ln(mesh frequency)/dtheta.
-        excites: (p,) whether k, e or the loads differ between both sides.
+        excites: (p,) whether any of ``EXCITATION`` differs between both sides.
     """
 
     def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
@@ -111,29 +111,38 @@ class Directions:
         self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
 
     def near(self, work: Work, y: Array, columns: Array) -> Near:
-        """Columns (p, n_state) at a state in the form of the kernel, with work arrays."""
+        """Return data for the kernel to integrate columns along an orbit.
+
+        Args:
+            work: work arrays of the orbit.
+            y: (n_state,) its start state.
+            columns: (p, n_state) at y, or none for zeros.
+        """
         start = columns if len(columns) else np.zeros((len(self.step), len(y)))
         models, inner = self.models(), self.to_kernel(y, start)
         table = constants(models, 2, Shape(*work.shape.tolist()))
         return near_of([self], work, table, inner[None], lanes=())
 
     def models(self) -> list[Model]:
-        """Gears plus and minus of each parameter in turn, with ``packed`` as in the run."""
+        """Return the models plus and minus of each parameter in turn.
+
+        Their ``packed`` is in the units of the kernel (``brought_to``); the rest is of the model.
+        """
         return [replace(self._model, packed=packed) for packed in self._gears]
 
     def to_kernel(self, y: Array, columns: Array) -> Array:
-        """Columns (p, n_state) at a state y (n_state,) converted to the kernel's unit of time."""
+        """Convert columns (p, n_state) at a state y (n_state,) to the kernel's unit of time."""
         whole: Array = columns - self.clock[:, None] * velocities(self._model, y)
         return whole
 
     def from_kernel(self, y: Array, columns: Array) -> Array:
-        """Columns (..., p, n_state) of the kernel at states (..., n_state) converted back."""
+        """Convert columns (..., p, n_state) of the kernel at states (..., n_state) back."""
         whole: Array = columns + self.clock[:, None] * velocities(self._model, y)[..., None, :]
         return whole
 
 
 def velocities(model: Model, y: Array) -> Array:
-    """Velocities (..., n_state) of states, with zeros in place of displacements."""
+    """Return a copy of states (..., n_state) with zeros in place of the displacements."""
     m, s = model.layout.n_coordinate, model.n_own
     rates: Array = np.array(y, dtype=float)
     rates[..., :m] = 0.0
@@ -142,7 +151,7 @@ def velocities(model: Model, y: Array) -> Array:
 
 
 def in_units_of(other: Model, model: Model, y: Array) -> Array:
-    """States (..., n_state) of a gear in the units of another, equal in SI."""
+    """Convert states (..., n_state) of ``model`` to the units of ``other``, equal in SI."""
     s, o, speeds = model.scales, other.scales, velocities(model, y)
     length, rate = s.b_c / o.b_c, s.velocity_m_per_s / o.velocity_m_per_s
     whole: Array = length * (np.asarray(y) - speeds) + rate * speeds
@@ -150,16 +159,16 @@ def in_units_of(other: Model, model: Model, y: Array) -> Array:
 
 
 def _sizes(p: Packed) -> list[object]:
-    """Properties that must not differ between the gears of a derivative: sizes and frequencies."""
+    """List array sizes and frequencies, which must agree between the gears of a derivative."""
     sizes = [np.shape(value) for value in p]
     return [*sizes, p.plain, p.powers, *p.orders, *p.load_orders, p.control_order]
 
 
 def brought_to(model: Model, near: Model) -> Packed:
-    """Constants of a gear converted to the length of another and to its mesh frequency."""
+    """Return the constants of ``near`` in the b_c of ``model``, with time scaled to its Omega."""
     p = near.packed
     length = near.scales.b_c / model.scales.b_c
-    time = model.packed.Omega / p.Omega  # of the other's 1 / omega_n
+    time = model.packed.Omega / p.Omega  # unit of time, in 1 / omega_n of ``near``
     lengths = ("e_mean", "e_cos", "e_sin", "d_mean", "d_cos", "d_sin", "window_d", "b")
     pushes = ("load_q", "load_r", "load_cos", "load_sin", "K")
     springs = ("stiffness", "k_cos", "k_sin")
@@ -180,14 +189,14 @@ def near_of(
     starts: Array,
     lanes: tuple[int, ...] = (LANES,),
 ) -> Near:
-    """Columns of a batch in the form of the kernel.
+    """Return data for the kernel to integrate the columns of n models.
 
     Args:
         along: n sets of p parameters each.
-        work: work arrays of the run.
+        work: work arrays of the orbits.
         table: (2 n p, rows, entries) constants of the gears on both sides.
-        starts: (n, p, n_state) columns, from ``Directions.to_kernel``, of the states that are
-            integrated.
+        starts: (n, p, n_state) columns from ``Directions.to_kernel``; n_state counts the numbers
+            of a state that are integrated (one half or both).
         lanes: as for ``lanes.packed.make_work``; for a single orbit the columns are set at once.
     """
     n, p, size = starts.shape

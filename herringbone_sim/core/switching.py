@@ -1,4 +1,7 @@
-"""Locate contact switches as roots of the Taylor polynomials."""
+"""Locate contact switches as roots of Taylor polynomials.
+
+``a`` (order + 1, columns) holds coefficients in s, which goes from 0 to 1 within a step.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from herringbone_sim.core.packed import compiled, inlined
 
 @inlined
 def polynomial(a, m, s):
-    """Value at s of the polynomial in column m."""
+    """Return the value at s of the polynomial in column m."""
     value = a[a.shape[0] - 1, m]
     for i in range(a.shape[0] - 2, -1, -1):
         value = value * s + a[i, m]
@@ -16,7 +19,7 @@ def polynomial(a, m, s):
 
 @inlined
 def value_and_slope(a, m, s):
-    """Value and derivative at s of the polynomial in column m."""
+    """Return value and derivative at s of the polynomial in column m."""
     value = a[a.shape[0] - 1, m]
     ds = 0.0
     for i in range(a.shape[0] - 2, -1, -1):
@@ -27,7 +30,7 @@ def value_and_slope(a, m, s):
 
 @inlined
 def slope(a, m, s):
-    """Derivative at s of the polynomial in column m."""
+    """Return the derivative at s of the polynomial in column m."""
     last = a.shape[0] - 1
     value = last * a[last, m]
     for i in range(last - 1, 0, -1):
@@ -37,7 +40,7 @@ def slope(a, m, s):
 
 @inlined
 def curvature(a, m, s):
-    """Second derivative at s of the polynomial in column m."""
+    """Return the second derivative at s of the polynomial in column m."""
     last = a.shape[0] - 1
     value = last * (last - 1) * a[last, m]
     for i in range(last - 1, 1, -1):
@@ -47,7 +50,10 @@ def curvature(a, m, s):
 
 @compiled
 def root(a, m, level, low, at_low, high, at_high):
-    """Root of the polynomial in column m minus a level, by Newton's method in a bracket."""
+    """Return where the polynomial in column m equals ``level``, by Newton's method in a bracket.
+
+    ``at_low`` and ``at_high`` are its values minus ``level`` at ``low`` and ``high``.
+    """
     below = at_low < 0.0
     s = low + (high - low) * at_low / (at_low - at_high) if at_low != at_high else low
     for _ in range(60):
@@ -68,8 +74,8 @@ def root(a, m, level, low, at_low, high, at_high):
 
 @compiled
 def turning_point(a, m, low, high):
-    """Extremum of the polynomial in column m between low and high, by Newton's method in a
-    bracket.
+    """Return the s of an extremum of the polynomial in column m between ``low`` and ``high``, by
+    Newton's method in a bracket.
     """
     falling = slope(a, m, low) < 0.0
     s = 0.5 * (low + high)
@@ -91,11 +97,11 @@ def turning_point(a, m, low, high):
 
 @compiled
 def leaves_at(a, m, level, sign, end, end_slope, before):
-    """First s in [0, 1] at which sign * (x - level) turns negative; 2 if it does not.
+    """Return the first s in [0, 1] at which sign * (x - level) turns negative; 2 if there is none.
 
-    A step is short compared with the fastest oscillation, so x has at most one extremum in it. A
-    crossing known to lie after ``before`` may be omitted (result 2), as another switch comes
-    first.
+    x is the polynomial in column m; ``end`` and ``end_slope`` are its value and slope at s = 1. A
+    step is short compared with the fastest oscillation, so x has at most one extremum in it. A
+    crossing after ``before`` may be omitted (result 2), as another switch comes first.
     """
     start = sign * (a[0, m] - level)
     start_slope = sign * a[1, m]

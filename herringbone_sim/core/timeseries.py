@@ -1,4 +1,4 @@
-"""Immutable time series: the form in which samples leave the model or a file."""
+"""Time series of channels: the form in which samples leave the model or a file."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ class TimeSeries:
             raise KeyError(f"no channel {shown(name)}; there are {listed(self.names)}") from None
 
     def rows(self, start: int, stop: int) -> TimeSeries:
-        """Samples start (included) to stop (excluded), as views."""
+        """Return samples ``start`` (included) to ``stop`` (excluded), as views."""
         return TimeSeries(self.times[start:stop], self.data[start:stop], self.names)
 
     def columns(self, names: tuple[str, ...]) -> Array:
-        """Samples (n, len(names)) of some channels, a copy."""
+        """Return the samples (n, len(names)) of some channels, a copy; KeyError: unknown name."""
         return np.stack([self[name] for name in names], axis=1)

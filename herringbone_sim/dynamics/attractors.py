@@ -2,11 +2,11 @@
 
 Two periodic attractors are the same if their section points agree up to a cyclic shift. Two
 aperiodic ones are the same if their points mix: coexisting attractors are disjoint sets, so the
-nearest neighbour of a point of one belongs to the same one, while the points of two samples of one
+nearest neighbour of a point belongs to the same attractor, while the points of two samples of one
 attractor interleave. The test counts such neighbours (Schilling, J. Am. Stat. Assoc. 81 (1986)
-799; Henze, Ann. Stat. 16 (1988) 772): the share is one half for one attractor and 1 for two. It
-uses no mean value, which intermittency would shift, but it needs enough points to resolve the gap
-between two sets that are interwoven.
+799; Henze, Ann. Stat. 16 (1988) 772): their fraction is one half for one attractor and 1 for two.
+It uses no mean value, which intermittency would shift, but it needs enough points to resolve the
+gap between two sets that are interwoven.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Attractor:
     points: Array
 
     def named(self, kind: str) -> str:
-        """Kind of its motion with its symmetry, such as ``P2, left = right``."""
+        """Text of a kind of motion with the symmetry of the attractor: ``P2, left = right``."""
         return f"{kind}, {self.symmetry}" if self.symmetry else kind
 
 
@@ -65,7 +65,10 @@ def attractor_of(
 def same_attractor(
     a: Attractor, b: Attractor, exchange: Indices | None = None, tolerance: float = TOLERANCE
 ) -> bool:
-    """Tell whether two attractors are one, or mirror images of each other."""
+    """Tell whether two attractors are the same, or mirror images of each other.
+
+    See ``match_known`` for ``exchange`` and ``tolerance``.
+    """
     if (a.period, a.symmetry == ALIKE) != (b.period, b.symmetry == ALIKE):
         return False
     images = [b.points] if exchange is None else [b.points, b.points[:, exchange]]
@@ -78,11 +81,11 @@ def match_known(
     exchange: Indices | None = None,
     tolerance: float = TOLERANCE,
 ) -> int:
-    """Index of the first known attractor that is the same as the candidate.
+    """Return the index of the first known attractor that is the same as the candidate.
 
     Args:
         candidate: attractor to look up.
-        known: attractors found before.
+        known: attractors to compare it with.
         exchange: (n,) indices that swap the two sides: mirror images count as the same; None: they
             don't.
         tolerance: as in ``attractor_of``; points of periodic attractors agree to within
@@ -98,7 +101,7 @@ def match_known(
 
 
 def same_set_share(a: Array, b: Array) -> float:
-    """Share of points whose nearest neighbour belongs to the same set, averaged over both sets.
+    """Fraction of points whose nearest neighbour belongs to the same set, averaged over two sets.
 
     1/2 if both sets (m, n) and (l, n) are drawn from one attractor, 1 if they lie apart.
     """
@@ -124,7 +127,7 @@ def drop_repeats(points: Array, distance: float) -> Array:
 
 
 def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:
-    """Tell whether two sets of section points (m, n) belong to one attractor."""
+    """Tell whether two sets of section points (m, n) belong to one attractor of that period."""
     if period:
         shifts = (np.abs(a - np.roll(b, shift, axis=0)).max() for shift in range(period))
         return bool(min(shifts) <= SAME_POINTS * tolerance)

@@ -1,4 +1,4 @@
-"""Basins of attraction: the attractor that each initial state leads to, and its share of them."""
+"""Basins of attraction: the attractor that each of a set of initial states leads to."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ class Basins:
     """Attractors that a set of initial states leads to.
 
     Attributes:
-        attractors: known ones first, as given to ``explore``; without any, by descending share.
+        attractors: those given to ``explore`` as known, then new ones; if none were known, by
+            descending number of initial states.
         labels: index into ``attractors`` for each initial state, (n_starts,) or (n, n) for a plane
-            of them; -1 where the run failed.
+            of them; -1 where the motion diverged.
     """
 
     attractors: tuple[Attractor, ...]
@@ -41,13 +42,11 @@ class Basins:
 
     @property
     def failed(self) -> int:
-        """Number of initial states whose run failed."""
+        """Number of initial states whose motion diverged."""
         return int(np.sum(self.labels == FAILED))
 
     def shares(self, confidence: float = 0.95) -> Array:
-        """Share of all initial states and its Wilson interval: (n_attractors, 3) share, low,
-        high.
-        """
+        """(n_attractors, 3) fraction of the initial states, and ends of its Wilson interval."""
         n = self.labels.size
         return np.array([[c / n, *wilson(int(c), n, confidence)] for c in self.counts])
 
@@ -65,13 +64,13 @@ def explore(
     They are integrated 64 at a time, so that memory does not grow with their number.
 
     Args:
-        sections_of: maps states (m, n) to sections (m, points, n) after the transient, NaN where a
-            run failed; see ``gear_sections``.
+        sections_of: maps states (m, n) to sections (m, points, n) after the transient, NaN where
+            the motion diverged; see ``gear_sections``.
         starts: (n_starts, n) initial states.
         exchange: (n,) indices that swap left and right; mirror images then count as one attractor.
         tolerance: largest RMS distance of section points that count as one, in the units of the
             state.
-        known: attractors found before; they come first and keep their order.
+        known: attractors from an earlier call; they come first and keep their order.
         progress: wraps the iterable of batches, such as ``tqdm``.
     """
     found, labels = list(known), np.full(len(starts), FAILED)
@@ -87,15 +86,16 @@ def explore(
 
 
 def by_share(basins: Basins) -> Basins:
-    """Sort the attractors by descending share and renumber the labels."""
+    """Sort the attractors by descending number of initial states and renumber the labels."""
     order = np.argsort(-basins.counts, kind="stable")
-    rank = np.append(np.argsort(order), FAILED)  # the last one serves label -1
+    rank = np.append(np.argsort(order), FAILED)  # the last entry serves label -1
     return Basins(tuple(basins.attractors[i] for i in order), rank[basins.labels])
 
 
 def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Confidence interval (low, high) of a share ``count / n``; Wilson, J. Am. Stat. Assoc. 22
-    (1927) 209.
+    """Confidence interval (low, high) of a fraction ``count / n``, after Wilson.
+
+    J. Am. Stat. Assoc. 22 (1927) 209.
     """
     z = float(norm.ppf(0.5 + 0.5 * confidence))
     share = count / n
@@ -108,16 +108,16 @@ def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
 def gear_sections(
     model: Model, transient: int = 2000, points: int = 200, workers: int = 1
 ) -> Sections:
-    """Function that maps initial states of a gear to their sections at phase 0.
+    """Return a function that maps initial states of a gear to its section points at phase 0.
 
     Args:
-        transient: mesh cycles left out before the section.
+        transient: mesh cycles discarded before the section.
         points: mesh cycles recorded, one section point each.
         workers: threads among which the initial states are divided; the result does not depend on
             it.
 
     Returns:
-        Function of initial states (n, n_state) that gives section points (n, points, n_state),
+        Function of initial states (m, n_state) that gives section points (m, points, n_state),
         NaN where the motion diverged.
     """
 
@@ -134,9 +134,9 @@ def gear_sections(
 
 
 def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float = 1.0) -> Array:
-    """Random initial states (n, n_state), uniform over x and v of the meshes.
+    """Draw n random initial states (n, n_state) at phase 0.
 
-    x (in b_c) and v (in b_c omega_n) of each mesh are drawn from -reach .. reach, left and right
+    x (in b_c) and v (in b_c omega_n) of each mesh are uniform in -reach .. reach, left and right
     independently.
     """
     x, v = rng.uniform(-reach, reach, (2, n, model.layout.n_mesh))
@@ -146,7 +146,7 @@ def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float =
 def state_at(model: Model, x: Array, v: Array) -> Array:
     """State (n_state,) at phase 0 with given relative displacements x and velocities v (n_mesh,).
 
-    Further states of effects take their initial values.
+    States that effects add are not contained.
     """
     y = initial_state(model)
     y[: model.layout.n_state] = state(model, x, v, 0.0)
@@ -154,7 +154,7 @@ def state_at(model: Model, x: Array, v: Array) -> Array:
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
-    """Initial states at rest over a plane: mean left-right displacement against their difference.
+    """Initial states at rest on a plane: mean displacement of left and right, and difference.
 
     Returns:
         axis: (n,) values of either coordinate, in b_c.
@@ -180,8 +180,9 @@ def explore_slice(
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> tuple[Array, Basins]:
-    """Find the basins on the plane of ``slice_starts``; a symmetric gear is integrated on half of
-    it.
+    """Find the basins on the plane of ``slice_starts``; ``explore`` explains the arguments.
+
+    If the gear is symmetric, half of the plane is integrated and mirrored.
 
     Returns:
         axis: (n,) values of either coordinate, in b_c.

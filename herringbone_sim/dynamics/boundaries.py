@@ -3,15 +3,15 @@
 ========================  =====================================================================
 flip                      a multiplier passes -1: the period doubles
 fold                      a multiplier passes +1 and the branch turns back
-crossing                  a multiplier passes +1 and the branch goes on: another one crosses it
+crossing                  a multiplier passes +1 and the branch goes on: another branch crosses it
 Neimark-Sacker            a complex pair passes the unit circle
-transverse                a multiplier of a left-right antisymmetric perturbation passes the circle
+transverse                a multiplier of an antisymmetric perturbation passes the unit circle
 grazing                   a mesh touches an edge of its backlash: contact appears or is lost
 ========================  =====================================================================
 
 The force of the gear is continuous in the displacement, so the multipliers are continuous in the
-parameter, and a grazing alone changes no stability. Behind it they change as the square root of
-the distance, so a fold or flip may follow at once.
+parameter, and a grazing alone changes no stability. Beyond a grazing they change as the square
+root of the distance from it, so a fold or flip may follow at once.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ class Boundary:
     Attributes:
         kind: a name from the table above.
         value: value of the parameter.
-        width: width of the interval of the parameter that the bisection ended with.
+        width: uncertainty of ``value``, the width of the last interval of the bisection.
         period: of the branch, in forcing periods.
-        detail: the backlash edge that is touched, or where a transverse multiplier passes the
-            circle.
+        detail: the backlash edge that is touched, or ``multiplier +1``, ``-1`` or ``complex`` of a
+            transverse one; empty for other kinds.
         before, after: number of multipliers outside the unit circle (within, transverse) on both
             sides, in the order of the branch; for a grazing at an arclength of 1e-3 on either
             side.
-        index: of the last branch point before it.
-        point: the orbit there.
-        multiplier: the one on the unit circle; NaN for a grazing.
+        index: of the last branch point before the boundary.
+        point: the orbit at the boundary.
+        multiplier: the multiplier on the unit circle; NaN for a grazing.
     """
 
     kind: str
@@ -71,7 +71,7 @@ class Boundary:
 
     @property
     def changes_stability(self) -> bool:
-        """Whether the orbit is stable on exactly one side."""
+        """Whether the orbit is stable on exactly one side of the boundary."""
         return (self.before == (0, 0)) != (self.after == (0, 0))
 
 
@@ -79,8 +79,8 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
     """Locate all boundaries of a branch, in the order of its points.
 
     Args:
-        watch: maps (parameter value, orbit points) to the number of crossings of each backlash
-            edge, by name; if None, grazings are not looked for.
+        watch: maps (parameter value, states (period, n) of an orbit) to the number of crossings
+            of each backlash edge, by name; if None, grazings are not looked for.
     """
     found = []
     counts = [signature(point, watch) for point in branch.points]
@@ -99,7 +99,7 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
 
 
 def _merged(boundaries: list[Boundary]) -> list[Boundary]:
-    """Merge grazings of several edges by one and the same orbit; the order is kept."""
+    """Merge grazings of several edges by the same orbit; the order does not change."""
     merged: list[Boundary] = []
     for one in boundaries:
         last = merged[-1] if merged else one
@@ -114,7 +114,10 @@ def _merged(boundaries: list[Boundary]) -> list[Boundary]:
 def _along(
     curve: Curve, key: str, step: tuple[BranchPoint, BranchPoint], watch: Watch | None, index: int
 ) -> Iterator[Boundary]:
-    """Yield the boundaries within a continuation step at which one count changes."""
+    """Yield the boundaries at which the count ``key`` of ``signature`` changes within a step.
+
+    The step leads from the orbit number ``index`` of a branch to the next.
+    """
 
     def count(point: BranchPoint) -> int:
         return signature(point, watch)[key]
@@ -128,7 +131,10 @@ def _along(
 
 
 def signature(point: BranchPoint, watch: Watch | None) -> Signature:
-    """Counts that change at a boundary: multipliers outside the circle by type, edge crossings."""
+    """Count multipliers outside the unit circle by type, and crossings of backlash edges, by name.
+
+    Between two orbits whose counts differ lies a boundary. See ``find_boundaries`` for ``watch``.
+    """
     counts = {}
     for part in PARTS:
         values: Complex = getattr(point.multipliers, part)
@@ -147,10 +153,11 @@ def bisect(
     count: Callable[[BranchPoint], int],
     narrow: float = NARROW,
 ) -> tuple[BranchPoint, BranchPoint]:
-    """Bisect a continuation step to the orbits just before and after a count leaves its value at
-    a.
+    """Bisect between orbits a and b of a branch to the change of ``count`` from its value at a.
 
-    The interval stays wider than ``narrow`` where the corrector finds no orbit inside it.
+    Returns:
+        The orbits just before and just after the change. Their distance is at most ``narrow`` in
+        arclength, more only if Newton's method finds no orbit between them.
     """
     start = count(a)
     while (length := float(np.linalg.norm(b.z - a.z))) > narrow:
@@ -173,8 +180,9 @@ def _classified(
     around: tuple[BranchPoint, BranchPoint, BranchPoint, BranchPoint],
     index: int,
 ) -> Boundary | None:
-    """Boundary between the inner two of four orbits; None where a pair only became real or
-    complex.
+    """Boundary between the inner two of four orbits along a branch; the outer two end a step.
+
+    None where no multiplier passed the unit circle: a pair outside it only became real or complex.
     """
     first, before, after, last = around
     where: Any = {
@@ -203,7 +211,7 @@ def _classified(
 
 
 def _aside(curve: Curve, point: BranchPoint, ds: float) -> BranchPoint:
-    """Orbit at the arclength ``ds`` from a point; the point itself if the corrector fails."""
+    """Orbit at the arclength ``ds`` from a point; the point itself if Newton's method fails."""
     try:
         return curve.solve(point.z + ds * point.tangent, point.tangent)
     except AnalysisError:
@@ -211,8 +219,9 @@ def _aside(curve: Curve, point: BranchPoint, ds: float) -> BranchPoint:
 
 
 def critical_mode(curve: Curve, boundary: Boundary) -> Array:
-    """Real unit eigenvector (n,) of the monodromy matrix for the multiplier that passes +1 or
-    -1.
+    """Return the eigenvector of the monodromy matrix for the multiplier that passes +1 or -1.
+
+    It is real, of unit length, (n,).
     """
     product = np.eye(len(curve.basis))
     for jacobian in boundary.point.orbit.jacobians:

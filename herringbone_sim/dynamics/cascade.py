@@ -1,4 +1,4 @@
-"""All branches connected to a periodic orbit: its own, the period-doubled ones, their boundaries.
+"""All branches of periodic orbits connected to a given orbit, with their boundaries.
 
 The branch of an orbit is continued in both directions; at each flip the branch of twice the period
 is continued, and so on up to a largest period. A branch that ends in an orbit of half its period
@@ -36,7 +36,7 @@ from herringbone_sim.errors import AnalysisError, ParameterError
 
 SIMPLER = ("halved", "mirrored")
 OFF = 1e-4  # arclength from a junction to the first orbit of the branch that leaves there
-SAME = 1e-3  # largest distance of equal orbits; junctions are known to about OFF
+SAME = 1e-3  # largest difference of equal orbits; junctions are located to about OFF
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class Followed:
     """A continued branch with its boundaries.
 
     Attributes:
-        curve: the curve that it lies on (period and symmetry).
+        curve: the curve that contains it (period and symmetry).
         branch: its orbits.
         boundaries: in the order of the branch.
-        origin: where it came from, in words, such as ``flip of P1 at 0.5``.
+        origin: how the branch was reached, as text such as ``flip of P1 at 0.5``.
     """
 
     curve: Curve
@@ -89,13 +89,16 @@ def trace_cascade(
     options: CascadeOptions | None = None,
     progress: Callable[[Followed], object] | None = None,
 ) -> list[Followed]:
-    """Continue the branches of some orbits and all branches that connect to them.
+    """Continue the branches of given orbits and all branches that connect to them.
 
     Args:
         starts: pairs of a parameter value and the states (period, n) of an orbit there, or near
             it.
         watch: see ``find_boundaries``.
         progress: called with each completed branch.
+
+    Returns:
+        At most ``options.branches`` branches, in the order in which they were completed.
 
     Raises:
         AnalysisError: Newton's method finds no orbit near a start.
@@ -122,10 +125,10 @@ class BranchStart:
     Attributes:
         curve: of the branch.
         start: an orbit on it.
-        origin: where it came from, in words.
+        origin: how the branch was reached, as text.
         both: whether to continue in both directions from the start.
-        junction: (period, n) states of the orbit that it shares with the branch it came from;
-            empty for the first branch.
+        junction: (period, n) states of the orbit at which the branch meets the one that led to
+            it; empty for a start that the caller gave.
     """
 
     curve: Curve
@@ -152,9 +155,7 @@ def _trace(opening: BranchStart, watch: Watch | None, steps: StepControl) -> Fol
 
 
 def _trimmed(curve: Curve, branch: Branch) -> Branch:
-    """Shorten a branch that passed an orbit of half its period, or a symmetric one, to just before
-    it.
-    """
+    """Move an end that passed an orbit of half the period, or a symmetric one, to before it."""
     points = list(branch.points)
     for last, inner, end in ((-1, -2, branch.ends[1]), (0, 1, branch.ends[0])):
         if end in SIMPLER:
@@ -165,7 +166,10 @@ def _trimmed(curve: Curve, branch: Branch) -> Branch:
 
 
 def _simpler_ends(traced: Followed) -> list[tuple[BranchPoint, Array]]:
-    """Last orbits of a branch and the halved or symmetrised orbits (period, n) that it ends in."""
+    """For each end at a simpler orbit: the branch's last orbit, and states of the simpler one.
+
+    The states (period, n) are averaged over the halves of the period, or over left and right.
+    """
     mirror, found = traced.curve.family.mirror, []
     for i, end in zip((0, -1), traced.branch.ends, strict=True):
         point = traced.branch.points[i]
@@ -179,9 +183,7 @@ def _simpler_ends(traced: Followed) -> list[tuple[BranchPoint, Array]]:
 
 
 def _to_simpler(traced: Followed) -> Iterator[BranchStart]:
-    """Yield starts of the branches of half the period, or of equal sides, that a branch ends
-    in.
-    """
+    """Yield starts of the branches of half the period, or with left = right, at the ends."""
     family = traced.curve.family
     for point, junction in _simpler_ends(traced):
         for aside in (-OFF, OFF):
@@ -193,16 +195,14 @@ def _to_simpler(traced: Followed) -> Iterator[BranchStart]:
 
 
 def _cleaned(points: Array, family: Family) -> Array:
-    """States (period, n) with left and right averaged if they differ by less than ``SAME``."""
+    """Average left and right of states (period, n) if they differ by less than ``SAME``."""
     if family.mirror is None or np.abs(points - points[:, family.mirror]).max() > SAME:
         return points
     return 0.5 * (points + points[:, family.mirror])
 
 
 def _to_doubled(traced: Followed, options: CascadeOptions) -> Iterator[BranchStart]:
-    """Yield starts of the branches that leave at flips and, if asked, at transverse +1
-    crossings.
-    """
+    """Yield starts of the branches that leave at flips and, if asked, at transverse crossings."""
     for boundary in traced.boundaries:
         sort = "+1" if boundary.detail.endswith("+1") else "-1"
         parts = boundary.kind == "transverse" and abs(boundary.multiplier.imag) < 1e-9
@@ -220,7 +220,7 @@ def _to_doubled(traced: Followed, options: CascadeOptions) -> Iterator[BranchSta
 
 
 def _is_known(traced: Followed, opening: BranchStart) -> bool:
-    """Tell whether a start lies on a branch that was continued already."""
+    """Tell whether a start lies on the branch ``traced``, which was continued already."""
     if (traced.period, traced.symmetric) != (opening.curve.period, opening.curve.symmetric):
         return False
     if not len(opening.junction):
@@ -231,9 +231,7 @@ def _is_known(traced: Followed, opening: BranchStart) -> bool:
 
 
 def _between(a: BranchPoint, b: BranchPoint, point: BranchPoint) -> bool:
-    """Tell whether an orbit lies between two neighbouring orbits of a branch (linear
-    interpolation).
-    """
+    """Tell whether an orbit lies between two neighbouring orbits of a branch, by interpolation."""
     if not min(a.value, b.value) <= point.value <= max(a.value, b.value) or a.value == b.value:
         return False
     share = (point.value - a.value) / (b.value - a.value)
@@ -242,6 +240,6 @@ def _between(a: BranchPoint, b: BranchPoint, point: BranchPoint) -> bool:
 
 
 def _same(a: Array, b: Array) -> bool:
-    """Tell whether two orbits (period, n) are equal up to a cyclic shift."""
+    """Tell whether two orbits (period, n) are equal to within ``SAME``, up to a cyclic shift."""
     shifts = (np.roll(a, i, axis=0) for i in range(len(a)))
     return a.shape == b.shape and any(np.abs(s - b).max() < SAME for s in shifts)

@@ -28,14 +28,14 @@ COLLAPSED = 1e-3  # smallest ratio by which a step may shrink half_and_side_diff
 
 @dataclass(frozen=True)
 class Branch:
-    """Orbits in order along a curve.
+    """Periodic orbits in order along a curve.
 
     Attributes:
         points: the orbits.
-        ends: reason for the first and the last end: ``range`` of the parameter, ``closed`` curve,
-            ``halved`` (passed an orbit of half its period), ``mirrored`` (passed an orbit with
-            equal left and right), ``start``, the message of the last failed step, or the number
-            of points where ``StepControl.points`` was reached.
+        ends: why the branch ends at its first and at its last orbit: ``range`` of the parameter,
+            ``closed`` curve, ``halved`` (passed an orbit of half its period), ``mirrored`` (passed
+            an orbit with equal left and right), ``start`` (the given orbit), the message of the
+            last failed step, or ``N points`` where ``StepControl.points`` was reached.
     """
 
     points: tuple[BranchPoint, ...]
@@ -60,7 +60,7 @@ class StepControl:
 def follow(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
     """Continue a branch from an orbit along its tangent, around folds, until it ends.
 
-    That is where the parameter range ends, or earlier: see ``Branch.ends``.
+    It ends with the parameter range, or earlier: see ``Branch.ends``.
     """
     steps = steps or StepControl()
     points, ds = [start], steps.first
@@ -84,8 +84,9 @@ def follow(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -
 
 
 def follow_both(curve: Curve, start: BranchPoint, steps: StepControl | None = None) -> Branch:
-    """Continue a branch in both directions; its points are ordered along the tangent of the
-    start.
+    """Continue a branch from an orbit in both directions.
+
+    Its points are ordered along the tangent of that orbit.
     """
     onward = follow(curve, start, steps)
     if onward.ends[1] == "closed":
@@ -99,8 +100,8 @@ def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, boo
     """Orbit after a step of arclength ds, and whether it lies on an end of the parameter range.
 
     Raises:
-        AnalysisError: no convergence, or tangent or multipliers changed too much: shorten the
-            step.
+        AnalysisError: no convergence, or tangent or multipliers changed too much; a shorter step
+            may succeed.
     """
     guess = point.z + ds * point.tangent
     last = not 0.0 < guess[-1] < 1.0
@@ -125,8 +126,9 @@ def _step(curve: Curve, point: BranchPoint, ds: float) -> tuple[BranchPoint, boo
 
 
 def _multiplier_change(previous: Multipliers, following: Multipliers) -> float:
-    """Change of the largest modulus from one orbit to the next, relative if above 1, else
-    absolute.
+    """Larger change of the two largest moduli (within, transverse) from one orbit to the next.
+
+    Relative to a modulus above 1, else absolute.
     """
     before = [float(np.abs(part[:1]).sum()) for part in (previous.within, previous.transverse)]
     after = [float(np.abs(part[:1]).sum()) for part in (following.within, following.transverse)]
@@ -134,7 +136,7 @@ def _multiplier_change(previous: Multipliers, following: Multipliers) -> float:
 
 
 def _end_reached(curve: Curve, points: list[BranchPoint], new: BranchPoint) -> str:
-    """``closed``, ``halved`` or ``mirrored`` if the last step reached such an end, else empty."""
+    """Return ``closed``, ``halved`` or ``mirrored`` if the branch ends so, else an empty text."""
     start, last = points[0], points[-1]
     length = float(np.linalg.norm(new.z - last.z))
     near = max(np.linalg.norm(start.z - last.z), np.linalg.norm(start.z - new.z)) < 2 * length
@@ -146,7 +148,7 @@ def _end_reached(curve: Curve, points: list[BranchPoint], new: BranchPoint) -> s
 
 
 def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: str) -> bool:
-    """Tell whether a simpler orbit lies between two: one of half the period, or of equal sides.
+    """Tell whether a simpler orbit lies between two: of half the period, or with left = right.
 
     Args:
         what: ``halved`` (the two halves of the period swap) or ``mirrored`` (left and right swap).
@@ -157,9 +159,10 @@ def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: 
 
 
 def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:
-    """Difference between the halves of the period, and between left and right; each (period, n).
+    """Differences of the halves of the period, and of left and right, at each state of an orbit.
 
-    Zeros for an odd period, and for a curve of left-right symmetric orbits.
+    Each (period, n); zeros for an odd period, or on a curve of left-right symmetric orbits. They
+    change sign where the branch passes an orbit of half the period, or a symmetric one.
     """
     points, mirror = point.orbit.points, curve.family.mirror
     half, odd = divmod(len(points), 2)
@@ -171,11 +174,14 @@ def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, 
 def branch_off(
     curve: Curve, point: BranchPoint, mode: Array, times: int, ds: float
 ) -> tuple[Curve, BranchPoint]:
-    """First orbit of the branch that crosses at an orbit, a step of arclength ds away from it.
+    """Find an orbit on the branch that crosses at an orbit, a step of arclength ds away from it.
 
     Args:
         mode: (n,) real eigenvector of the monodromy matrix whose multiplier is near 1 or -1.
         times: ratio of the new period to the old one: 2 for a multiplier of -1.
+
+    Returns:
+        The curve of the crossing branch, and the orbit.
 
     Raises:
         AnalysisError: Newton's method finds no orbit there.

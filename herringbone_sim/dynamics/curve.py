@@ -1,8 +1,9 @@
 """Curve of periodic orbits over a parameter, as a system with one equation less than unknowns.
 
-The unknowns are z = (points / sqrt(period), s) with s in 0 .. 1 the parameter scaled to its range.
-One more equation, a hyperplane that cuts the curve, fixes an orbit: the one at a value of the
-parameter, or the next one of a continuation step.
+The unknowns are z = (points / sqrt(period), s): points are the orbit's states in a basis of the
+symmetric states or of all, s in 0 .. 1 is the parameter scaled to its range. One more equation, a
+hyperplane that cuts the curve, fixes an orbit: the orbit at a value of the parameter, or the next
+one of a continuation step.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from herringbone_sim.dynamics.newton import newton
 from herringbone_sim.dynamics.orbits import Multipliers, Orbit, basis_of, multipliers, shoot
 from herringbone_sim.errors import AnalysisError
 
-DIFFERENCE = 1e-7  # step of the derivative by the parameter, as a share of its range
+DIFFERENCE = 1e-7  # step of the derivative by the parameter, as a fraction of its range
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,10 @@ class BranchPoint:
     Attributes:
         value: value of the parameter.
         z: (period k + 1,) the unknowns, see above.
-        tangent: (period k + 1,) unit tangent of the curve, in the direction of travel.
+        tangent: (period k + 1,) unit tangent of the curve, in the direction of the continuation.
         orbit: states and Jacobians.
         multipliers: Floquet multipliers over the whole period.
-        iterations: Newton iterations that it took.
+        iterations: Newton iterations in which it was found.
     """
 
     value: float
@@ -67,9 +68,10 @@ class BranchPoint:
 
 
 class Curve:
-    """Closing equations of the orbits of one period and symmetry over a family of flows.
+    """Orbits of one period and symmetry over a family of flows: their equations and a solver.
 
     Args:
+        family: flows over the range of the parameter.
         period: in forcing periods.
         basis: (n, k) orthonormal columns that span the states: all, or the symmetric ones.
     """
@@ -84,18 +86,19 @@ class Curve:
         return int(self.basis.shape[1]) < len(self.basis)
 
     def place(self, points: Array, value: float) -> Array:
-        """Unknowns z (period k + 1,) of an orbit (period, n) at a parameter value."""
+        """Unknowns z (period k + 1,) of an orbit, from its states (period, n) and its value."""
         s = (value - self.family.low) / (self.family.high - self.family.low)
         return np.append((points @ self.basis).ravel() / self._scale, s)
 
     def points(self, z: Array) -> Array:
-        """States (period, n) from the unknowns z."""
+        """States (period, n) of an orbit from the unknowns z, inverse of ``place``."""
         states: Array = (z[:-1] * self._scale).reshape(self.period, -1) @ self.basis.T
         return states
 
     def equations(self, z: Array) -> tuple[Array, Array]:
-        """Closing equations (period k,) and their Jacobian (period k, period k + 1) with respect
-        to z.
+        """Closing equations (period k,) and their Jacobian (period k, period k + 1) by z.
+
+        The column of the parameter is a difference quotient.
         """
         inner, s = z[:-1] * self._scale, float(z[-1])
         residual, by_points = shoot(self.family.flow_at(self.family.value(s)), inner, self.basis)
@@ -108,8 +111,7 @@ class Curve:
         return residual, np.column_stack([by_points * self._scale, by_s / ds])
 
     def solve(self, guess: Array, across: Array, tangent: Array | None = None) -> BranchPoint:
-        """Orbit in the hyperplane through ``guess`` with the normal ``across``, by Newton's
-        method.
+        """Find the orbit in the hyperplane through ``guess`` with the normal ``across``.
 
         Args:
             tangent: the new tangent is oriented along it; along ``across`` by default.
@@ -130,7 +132,7 @@ class Curve:
         return self._point(found.z, along if along @ ahead >= 0 else -along, found.iterations)
 
     def tangent(self, z: Array) -> Array:
-        """Unit null vector of the Jacobian; its sign is arbitrary."""
+        """Unit tangent (period k + 1,) of the curve at z; its sign is arbitrary."""
         null: Array = np.linalg.svd(self.equations(z)[1])[2][-1]
         return null
 
@@ -145,7 +147,9 @@ class Curve:
 
 
 def begin(family: Family, points: Array, value: float) -> tuple[Curve, BranchPoint]:
-    """Curve through an orbit near ``points`` and that orbit, oriented towards higher values.
+    """Find the orbit at a parameter value near given states, and the curve through it.
+
+    Its tangent is oriented towards higher values.
 
     Args:
         points: (period, n) states of the orbit, or near them.

@@ -19,7 +19,7 @@ from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
 from herringbone_sim.dynamics.two_trajectories import DISTANCES, over_distances
 
-TURNING = 200  # periods in which perturbations align with their directions of growth
+TURNING = 200  # periods in which perturbations align with the directions of growth
 SIGMAS, NEUTRAL = 4.0, 5e-4  # an exponent is non-zero beyond both, see motion_kind
 
 
@@ -52,7 +52,7 @@ class ExponentComparison:
 
     @property
     def motion(self) -> str:
-        """Kind of the motion in words; of a symmetric one also whether the symmetry is stable."""
+        """Kind of the motion (``motion_kind``); whether left and right are equal, and stay so."""
         if self.symmetric is None:
             return motion_kind(self.section, self.spectrum, self.longest)
         lasts = not _positive(self.symmetric.transverse)
@@ -67,13 +67,13 @@ def compare_exponents(
     seed: int = 0,
     step: Callable[[str], None] = lambda name: None,
 ) -> ExponentComparison:
-    """Lyapunov exponents and 0-1 test of the motion from the initial state, by every method.
+    """Compute the exponents of the motion from the initial state by every method, and a 0-1 test.
 
     Args:
         model: the gear, with its effects, see ``effects.assemble``.
-        cycles: mesh cycles that each method evaluates. Methods by perturbations run ``TURNING``
-            cycles more before these, in which the perturbations align.
-        transient: mesh cycles left out before that.
+        cycles: mesh cycles that each method evaluates. Methods by perturbations integrate
+            ``TURNING`` cycles more before these, in which the perturbations align.
+        transient: mesh cycles discarded before that.
         seed: of the bootstrap resampling for the interval of the exponent of the section, and of
             the frequencies of the 0-1 test.
         step: called with a name before each of five stages: transient, spectrum, two trajectories,
@@ -112,9 +112,7 @@ def compare_exponents(
 
 
 def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
-    """States (cycles, n) at phase 0, the first y itself, ``at`` mesh cycles having passed
-    before.
-    """
+    """States (cycles, n) at phase 0, y the first, ``at`` mesh cycles having preceded it."""
     points, none = np.empty((cycles, flow.n)), np.zeros((0, flow.n))
     for i, point in enumerate(points):
         point[:] = y
@@ -123,7 +121,7 @@ def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
 
 
 def motion_kind(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
-    """Kind of a motion: ``P2``, ``quasi-periodic``, ``chaotic``, or ``hyperchaotic``.
+    """Name the kind of a motion: ``P2``, ``quasi-periodic``, ``chaotic``, ``hyperchaotic``, ...
 
     Hyperchaotic means two positive exponents. An exponent counts as non-zero beyond 4 standard
     errors and 5e-4. A motion that does not repeat and has no positive exponent is quasi-periodic
@@ -131,6 +129,7 @@ def motion_kind(section: Array, spectrum: Growth, longest: int = LONGEST) -> str
 
     Args:
         section: (cycles, n) states at phase 0.
+        spectrum: growth of perturbations of the motion.
         longest: longest period that is looked for, in mesh cycles.
     """
     positive = _positive(spectrum)
@@ -145,12 +144,15 @@ def motion_kind(section: Array, spectrum: Growth, longest: int = LONGEST) -> str
 def identify_motion(
     model: Model, attractor: Attractor, cycles: int = 1000, transient: int = 200, at: int = 0
 ) -> tuple[str, Growth]:
-    """Kind of the motion on an attractor (see ``motion_kind``) and its two largest exponents.
+    """Name the kind of the motion on an attractor, and compute its two largest exponents.
 
-    A symmetric motion is classified by the perturbations that keep its symmetry.
+    A symmetric motion is named after the exponents of symmetric perturbations (``motion_kind``);
+    the returned exponents are those of all perturbations.
 
     Args:
-        at: mesh cycles that had passed at the last point of the attractor.
+        cycles: mesh cycles averaged over.
+        transient: mesh cycles before, in which perturbations align.
+        at: mesh cycles elapsed before the last point of the attractor, the initial state.
     """
     flow, exchange, y = GearFlow(model, 1), symmetry(model), attractor.points[-1]
     whole = growth = lyapunov_spectrum(flow, y, cycles, transient, k=2, at=at)

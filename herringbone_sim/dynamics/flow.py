@@ -1,6 +1,6 @@
-"""A flow as its Poincaré map over one forcing period, with tangent vectors.
+"""Interface of a periodically forced flow: its map over one forcing period, with tangent vectors.
 
-All methods of ``dynamics`` need only this interface: the gear is one flow; the Lorenz system and
+All methods of ``dynamics`` need only this interface. The gear is one flow; the Lorenz system and
 the Hénon map of the tests are others.
 """
 
@@ -21,16 +21,16 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.errors import DivergenceError, ParameterError
 
-MOST_ORDER = 64  # largest denominator of the order of the control (cycles until it repeats)
-MOST_CYCLES = 2100  # longest forcing period; two members of the nominal rig need 2079 at most
+MOST_ORDER = 64  # largest denominator of the control order: mesh cycles until it repeats
+MOST_CYCLES = 2100  # longest forcing period; two bodies of the default gear need 2079 at most
 
 
 class Flow(Protocol):
     """A map y -> y' over one forcing period and its linearisation.
 
     1. ``n`` is the number of states, ``period`` the time that one ``advance`` takes (1 for a map).
-    2. ``advance`` does not modify its arguments, and its result depends on them alone. Where the
-       forcing repeats with each advance it does not depend on ``at``.
+    2. ``advance`` does not modify its arguments, and its result depends on them alone. It depends
+       on ``at``, the number of periods elapsed before y, only if the forcing differs by period.
     3. Tangent vectors are rows, (k, n), k may be 0; they are neither scaled nor orthogonalised.
     """
 
@@ -41,10 +41,10 @@ class Flow(Protocol):
     def period(self) -> float: ...
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
-        """State (n,) and tangents (k, n) one period later.
+        """State (n,) and tangents (k, n) one period after y (n,) and ``tangents`` (k, n).
 
         Args:
-            at: periods that have passed before y.
+            at: periods elapsed before y.
 
         Raises:
             DivergenceError: the state left the range of the flow.
@@ -60,9 +60,9 @@ class GearFlow:
     saltation matrix is applied.
 
     Args:
-        model: see ``effects.assemble``; with ``method: rk4`` it has no tangents.
+        model: see ``effects.assemble``; ``method: rk4`` can't integrate tangents.
         cycles: mesh cycles of one advance; by default the forcing period, see ``period_of``.
-            Exponents and sections pass 1: they need no period.
+            Exponents and sections use 1: their forcing need not be periodic.
 
     Raises:
         ParameterError: ``cycles`` is None and the forcing has no period.
@@ -83,14 +83,15 @@ class GearFlow:
         return self.cycles * TWO_PI / self.model.packed.Omega
 
     def start(self) -> Array:
-        """Initial state (n,) at phase 0 from the parameters; further states of effects at rest."""
+        """Initial state (n,) at phase 0 from the parameters; states added by effects at rest."""
         return self._stepper.start().y
 
     def advance(self, y: Array, tangents: Array, at: int = 0) -> tuple[Array, Array]:
         """State (n,) and tangents (k, n) one advance later, from phase 0 to phase 0.
 
         Args:
-            at: advances before y; if one advance is a forcing period, it only affects rounding.
+            at: advances elapsed before y, which sets the phase of control and effects; if one
+                advance is a forcing period, it only affects rounding.
 
         Raises:
             DivergenceError: the state left the range of any physical motion.
@@ -108,13 +109,13 @@ class GearFlow:
         return y, tangents
 
     def map(self, y: Array) -> tuple[Array, Array]:
-        """State (n,) one period later and the monodromy matrix M (n, n): dy' = M dy."""
+        """State (n,) one advance later and the monodromy matrix M (n, n): dy' = M dy."""
         y, tangents = self.advance(y, np.eye(self.n))
         return y, tangents.T
 
 
 def period_of(model: Model) -> int:
-    """Forcing period of a gear with its effects and its control, in mesh cycles.
+    """Forcing period of a gear in mesh cycles: that of its mesh, effects and control together.
 
     Raises:
         ParameterError: it is longer than 2100 mesh cycles, or infinite.
@@ -133,9 +134,9 @@ def period_of(model: Model) -> int:
 
 
 def effect_cycles(model: Model) -> int:
-    """Period of the effects of a gear without its control, in mesh cycles.
+    """Forcing period of a gear in mesh cycles, as if its control were switched off.
 
-    1 without effects, and where ``period_of`` finds no period.
+    1 without effects, and also if ``period_of`` finds no period.
     """
     try:
         return period_of(replace(model, packed=model.packed._replace(K=0.0)))
@@ -144,10 +145,10 @@ def effect_cycles(model: Model) -> int:
 
 
 def cycles_of(order: float, most: int = MOST_ORDER) -> int:
-    """Mesh cycles after which a harmonic of this order of the mesh frequency repeats.
+    """Mesh cycles after which a harmonic of an order (frequency over mesh frequency) repeats.
 
     Raises:
-        ParameterError: more than ``most``.
+        ParameterError: the order is no ratio of whole numbers with a denominator up to ``most``.
     """
     ratio = Fraction(order).limit_denominator(most)
     if abs(float(ratio) - order) > 1e-12 * max(order, 1.0):
@@ -160,16 +161,15 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
 
 
 def symmetry(model: Model) -> Indices | None:
-    """Indices (n,) that swap left and right if the two halves of a gear are bitwise equal, else
-    None.
+    """Indices (n,) that swap left and right in a state, if the halves of a gear are bitwise equal.
 
-    Also None for a gear with further states of effects, which section points do not hold.
+    Else None; also None if effects add states, which section points do not contain.
     """
     return mirror(model.layout) if not model.n_own and has_equal_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:
-    """State (n,) after ``periods`` advances without tangents, the first at number ``at``."""
+    """State (n,) ``periods`` periods after y, without tangents; ``at`` periods precede y."""
     none = np.zeros((0, flow.n))
     for i in range(periods):
         y, _ = flow.advance(y, none, at + i)

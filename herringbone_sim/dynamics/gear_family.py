@@ -21,7 +21,7 @@ CACHE_SIZE = 8  # flows
 
 
 class GearCache:
-    """Flows of a gear by the value of one parameter; the latest are cached for Newton's method.
+    """Flows of a gear by the value of one parameter, the last eight cached for Newton's method.
 
     Args:
         p: all other parameters.
@@ -39,7 +39,7 @@ class GearCache:
         self._cache: OrderedDict[float, GearFlow] = OrderedDict()
 
     def __call__(self, value: float) -> GearFlow:
-        """Flow of the gear at a value; ParameterError if no gear can have it."""
+        """Return the flow of the gear at a value; ParameterError if no gear can have it."""
         if value not in self._cache:
             p = self._p.changed({self.name: value})
             self._cache[value] = GearFlow(build_with(p, self._actives))
@@ -51,7 +51,10 @@ class GearCache:
 def gear_family(
     p: Parameters, name: str, low: float, high: float, actives: Sequence[Active] = ()
 ) -> tuple[Family, Watch]:
-    """Family of a gear with effects over a parameter, and its count of backlash-edge crossings.
+    """Return the flows of a gear over a parameter range, and its count of backlash-edge crossings.
+
+    The family has a left-right symmetry if the halves are equal at both ends of the range. The
+    count is for ``boundaries.find_boundaries``.
 
     Raises:
         ParameterError: an empty range, an end of it that no gear can have, or an unknown

@@ -1,4 +1,4 @@
-"""Logarithmic growth of perturbations: its mean is a Lyapunov exponent, batch means its error."""
+"""Logarithmic growth of perturbations: its mean over time is a Lyapunov exponent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Growth:
     Attributes:
         logarithms: (periods, k) log of the growth factor in each period, columns by descending
             mean.
-        period: time of one row.
+        period: duration of one period, in the time unit of the flow.
         end: (n,) state after the last period.
     """
 
@@ -44,9 +44,7 @@ class Growth:
 
     @property
     def running(self) -> Array:
-        """(periods, k) running means of the exponents after 1, 2, ... periods: their
-        convergence.
-        """
+        """(periods, k) exponents averaged over the first 1, 2, ... periods: their convergence."""
         count = np.arange(1, len(self.logarithms) + 1)[:, None]
         means: Array = np.cumsum(self.logarithms, axis=0) / (count * self.period)
         return means
@@ -75,6 +73,6 @@ def batch_error(values: Array) -> Array:
 
 
 def descending(logarithms: Array, period: float, end: Array) -> Growth:
-    """Growth with its columns sorted by descending mean."""
+    """Growth from unsorted columns (periods, k), sorted by descending mean; see ``Growth``."""
     order = np.argsort(-logarithms.mean(axis=0), kind="stable")
     return Growth(logarithms[:, order], period, end)

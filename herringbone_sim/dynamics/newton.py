@@ -14,7 +14,7 @@ Equations = Callable[[Array], tuple[Array, Array]]
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 40
-SHORTEST = 2.0**-8  # smallest share of a Newton step that is tried
+SHORTEST = 2.0**-8  # smallest fraction of a Newton step that is tried
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Solution:
     Attributes:
         z: (k,) last iterate.
         residual: largest absolute residual there.
-        iterations: Newton iterations taken.
+        iterations: number of Newton iterations.
         reason: why it did not converge; empty if it did.
     """
 
@@ -40,7 +40,8 @@ def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solu
     Args:
         equations: returns residual (k,) and Jacobian (k, k) at z; may raise DivergenceError or
             ParameterError, which counts as a failed step.
-        z: (k,) start.
+        z: (k,) first guess.
+        tolerance: largest absolute residual of a solution.
     """
     try:
         residual, jacobian = equations(z)

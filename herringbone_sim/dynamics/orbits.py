@@ -29,10 +29,10 @@ class Orbit:
     """A periodic orbit, or the last iterate of a failed search.
 
     Attributes:
-        points: (period, n) states at phase 0, one a forcing period.
-        jacobians: (period, n, n) of the map at each of them.
-        residual: largest ``|P(y_i) - y_(i+1)|``.
-        iterations: Newton iterations taken.
+        points: (period, n) states at phase 0, one per forcing period.
+        jacobians: (period, n, n) of the map at each state.
+        residual: largest ``|P(y_i) - y_(i+1)|``, P being the map over a forcing period.
+        iterations: Newton iterations.
         reason: why the search failed; empty if it converged.
     """
 
@@ -53,7 +53,7 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Multipliers:
-    """Floquet multipliers over the whole period, descending in modulus.
+    """Floquet multipliers over the whole period, in descending order of modulus.
 
     Attributes:
         within: (k,) complex, of left-right symmetric perturbations; of all perturbations for an
@@ -66,7 +66,7 @@ class Multipliers:
 
     @property
     def all(self) -> Complex:
-        """(n,) all multipliers, descending in modulus."""
+        """(n,) all multipliers, in descending order of modulus."""
         both = np.concatenate([self.within, self.transverse])
         return both[np.argsort(-np.abs(both), kind="stable")]
 
@@ -83,14 +83,18 @@ def find_orbit(
     mirror: Indices | None = None,
     tolerance: float = TOLERANCE,
 ) -> Orbit:
-    """Find a periodic orbit near a start by Newton's method.
+    """Find a periodic orbit near a first guess by Newton's method.
 
     Args:
         start: (n,) a state, or (period, n) successive states.
+        period: in forcing periods; not used if ``start`` has successive states.
         mirror: (n,) indices that swap left and right. From a start with equal halves only
             symmetric states are searched, where a transverse multiplier of 1 does not make the
             Jacobian singular.
         tolerance: largest residual of an orbit.
+
+    Returns:
+        The orbit; its ``reason`` tells whether the search failed.
     """
     points = np.array(start, dtype=float)
     try:
@@ -113,10 +117,10 @@ def find_orbit(
 
 
 def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
-    """Residual (period k,) and Jacobian (period k, period k) of the closing equations.
+    """Residual (period k,) and Jacobian (period k, period k) of the equations that close an orbit.
 
     Args:
-        z: (period k,) coordinates of the points in the basis.
+        z: (period k,) coordinates of the states in the basis.
         basis: (n, k) orthonormal columns; the flow must map their span into itself.
     """
     k = basis.shape[1]
@@ -150,9 +154,7 @@ def multipliers(orbit: Orbit, mirror: Indices | None = None) -> Multipliers:
 
 
 def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
-    """Eigenvalues (k,) of the monodromy matrix on the span of a basis (n, k), descending in
-    modulus.
-    """
+    """Eigenvalues (k,) of the monodromy matrix on the span of a basis (n, k), largest first."""
     product = np.eye(basis.shape[1])
     for jacobian in orbit.jacobians:
         product = basis.T @ jacobian @ basis @ product
@@ -161,14 +163,12 @@ def _eigenvalues(orbit: Orbit, basis: Array) -> Complex:
 
 
 def is_symmetric(points: Array, mirror: Indices) -> bool:
-    """Whether left and right of all states (..., n) are equal to 1e-9."""
+    """Tell whether left and right of all states (..., n) are equal to 1e-9."""
     return bool(np.abs(points - points[..., mirror]).max() <= SYMMETRIC)
 
 
 def basis_of(points: Array, mirror: Indices | None) -> Array:
-    """Orthonormal basis (n, k) of the symmetric states if the orbit is symmetric, else of all
-    states.
-    """
+    """Orthonormal basis (n, k) of the symmetric states for a symmetric orbit, else of all."""
     n = points.shape[-1]
     return (
         np.eye(n)
@@ -188,7 +188,7 @@ def symmetry_bases(mirror: Indices) -> tuple[Array, Array]:
 
 
 def iterate(flow: Flow, y: Array, n: int) -> Array:
-    """Trajectory of n states (n, n_state), the first one y itself; may raise DivergenceError."""
+    """Trajectory of n states (n, n_state) a period apart, from y on; may raise DivergenceError."""
     points = [y]
     for _ in range(n - 1):
         points.append(flow.advance(points[-1], np.zeros((0, flow.n)))[0])
@@ -196,7 +196,14 @@ def iterate(flow: Flow, y: Array, n: int) -> Array:
 
 
 def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
-    """Part (period, n) of a trajectory whose end comes closest to its start: a start for Newton.
+    """Part (period, n) of a trajectory whose end comes closest to its beginning.
+
+    It is a first guess of a periodic orbit for Newton's method.
+
+    Args:
+        y: (n,) first state of the trajectory.
+        period: length of the part [forcing periods].
+        cycles: number of beginnings that are compared [forcing periods].
 
     Raises:
         DivergenceError: the trajectory left the range of any physical motion.

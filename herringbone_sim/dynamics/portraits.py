@@ -1,4 +1,4 @@
-"""Phase portraits of attractors: the motion of a gear over some cycles from a given state."""
+"""Phase portraits of attractors: the motion of a gear over 60 mesh cycles from a given state."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.effects.assemble import changed
 
-CYCLES, PER_CYCLE = 60, 64  # mesh cycles; samples of each
+CYCLES, PER_CYCLE = 60, 64  # mesh cycles; samples per cycle
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ def portraits(model: Model, attractors: Iterable[Attractor], cycle: int) -> list
     Args:
         model: the gear.
         attractors: their points are states at phase 0.
-        cycle: mesh cycles that had passed at the last points, so that control and effects that
-            don't repeat every mesh cycle go on from there.
+        cycle: mesh cycles elapsed before the last points, so that control and effects that don't
+            repeat every mesh cycle continue from there.
     """
     return [portrait(model, attractor.points[-1], cycle) for attractor in attractors]
 
 
 def portrait(model: Model, state: Array, cycle: int) -> Portrait:
-    """Portrait of the motion from a state (n_state,) at phase 0, after so many mesh cycles."""
+    """Phase portrait from a state (n_state,) at phase 0, ``cycle`` mesh cycles after the start."""
     layout, scales = model.layout, model.scales
     gear = changed(model, model.parameters.changed({"samples_per_cycle": PER_CYCLE}))
     machine = stepper(gear)

@@ -23,15 +23,15 @@ def lyapunov_spectrum(
     k: int | None = None,
     at: int = 0,
 ) -> Growth:
-    """The k largest Lyapunov exponents of the motion from y on; all n by default.
+    """Compute the k largest Lyapunov exponents of the motion from y on; all n by default.
 
     Args:
         flow: see ``Flow``.
         y: (n,) state on the attractor; see ``flow.settle`` to drop a transient.
         periods: number of periods averaged over.
-        transient: periods left out first, in which the tangent vectors align.
+        transient: periods discarded first, in which the tangent vectors align.
         k: number of exponents, 1 .. n.
-        at: periods that have passed before y, see ``Flow``.
+        at: periods elapsed before y, see ``Flow``.
 
     Raises:
         AnalysisError: k out of range.
@@ -58,8 +58,11 @@ def grow(flow: Flow, y: Array, frame: Array, at: int = 0) -> tuple[Array, Array,
 
 
 def orthonormalised(tangents: Array) -> tuple[Array, Array]:
-    """Orthonormal rows (k, n) that span the same nested subspaces, and the lengths (k,)
-    removed.
+    """Orthonormalise tangent vectors (k, n) by a QR decomposition, in their order.
+
+    Returns:
+        Orthonormal rows (k, n), and the length (k,) of each vector's component orthogonal to the
+        vectors before it.
     """
     q, r = np.linalg.qr(tangents.T)
     return q.T.copy(), np.abs(np.diag(r))

@@ -1,4 +1,4 @@
-"""First orbit of a continuation: the motion at a parameter value, or an orbit near it."""
+"""First orbit of a continuation: the periodic motion at a parameter value, or an orbit near it."""
 
 from __future__ import annotations
 
@@ -12,26 +12,29 @@ from herringbone_sim.dynamics.gear_family import GearCache
 from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate, least_period
 from herringbone_sim.errors import AnalysisError, ParameterError
 
-# Forcing periods searched for the period of the motion, and for its closest return.
+# Forcing periods in which the period of the motion, or its closest return, is looked for.
 WINDOW, RETURNS = 160, 2000
 
 
 def find_start(
     gears: GearCache, family: Family, value: float, period: int | None = None, settled: int = 1000
 ) -> Array:
-    """States (period, n) of an orbit at a value of the parameter.
+    """Find a periodic orbit at one value of the parameter, as the first of a continuation.
 
     Args:
-        gears: flow of each value.
-        family: in which the orbit will be continued.
+        gears: returns the flow of the gear at a value of the parameter.
+        family: range of the parameter and symmetry of the continuation.
         value: of the parameter.
-        period: period of the orbit [forcing periods], stable or not, looked for near the motion;
-            None for the motion itself, which must be periodic then.
-        settled: mesh cycles of transient left out.
+        period: period of the orbit [forcing periods]; the orbit may be unstable, Newton's method
+            starts at the closest return of the motion. None: the motion itself must be periodic.
+        settled: mesh cycles of transient that are integrated first.
+
+    Returns:
+        (period, n) states at phase 0, one per forcing period; ``period`` is the least period.
 
     Raises:
         ParameterError: the value lies outside of the family.
-        AnalysisError: the motion is not periodic, or there is no orbit of that period near.
+        AnalysisError: the motion is not periodic, or Newton's method finds no orbit near it.
     """
     name = f"{gears.name} = {value:g}"
     if not family.low <= value <= family.high:
@@ -50,7 +53,10 @@ def find_start(
 
 
 def _periodic(flow: GearFlow, y: Array, period: int | None, name: str) -> Array:
-    """States (period, n) of the periodic motion, or of its closest return for a given period."""
+    """First guess (period, n) of an orbit, from the state y after the transient.
+
+    One period of the motion; with a given ``period``, the closest return of the motion.
+    """
     if period:
         return closest_return(flow, y, period, RETURNS)
     states = iterate(flow, y, WINDOW)

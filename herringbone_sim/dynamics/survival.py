@@ -1,7 +1,7 @@
-"""Which motion a gear shows from random initial states, compared with its motion from rest.
+"""Final motions of a gear from random initial states, compared with its motion from rest.
 
-The share of initial states that end on the motion from rest is its basin stability (Menck et al.,
-Nature Physics 9 (2013) 89); the transverse exponent tells whether its left-right symmetry is
+The fraction of initial states that end on the motion from rest is its basin stability (Menck et
+al., Nature Physics 9 (2013) 89); the transverse exponent tells whether its left-right symmetry is
 stable.
 """
 
@@ -21,7 +21,7 @@ from herringbone_sim.dynamics.transverse import symmetric_exponents
 from herringbone_sim.errors import AnalysisError, DivergenceError
 
 FATES = ("as from rest", "another, left = right", "left and right differ", "chaotic, they differ")
-# Mesh cycles: averaged over; for perturbations to align; of transient.
+# Mesh cycles: averaged over; in which perturbations align; of transient.
 PERIODS, TURNING, SETTLING = 600, 100, 1000
 
 
@@ -30,14 +30,14 @@ class Survival:
     """Final motions of random initial states at one operating point.
 
     Attributes:
-        motion: kind of the motion from rest, ``-`` where the run failed.
-        counts: (4,) initial states by final motion, as in ``FATES``: the motion from rest, another
-            left-right symmetric one, a regular asymmetric one, a chaotic asymmetric one.
-        starts: number of random initial states, failed runs included.
-        within: (2,) largest exponent of left-right symmetric perturbations of the motion from
-            rest, and its standard error.
-        transverse: (2,) the same of antisymmetric perturbations; NaN if the motion is not
-            symmetric.
+        motion: kind of the motion from rest (see ``motion_kind``), ``-`` where it diverged.
+        counts: (4,) number of initial states by final motion, as in ``FATES``: the motion from
+            rest, another left-right symmetric one, a regular asymmetric one, a chaotic asymmetric
+            one.
+        starts: number of random initial states, those that diverged included.
+        within: (2,) largest exponent per tau of left-right symmetric perturbations of the motion
+            from rest, and its standard error; NaN if the motion is not symmetric.
+        transverse: (2,) the same of antisymmetric perturbations.
     """
 
     motion: str
@@ -48,18 +48,18 @@ class Survival:
 
     @property
     def shares(self) -> Array:
-        """(4, 3) share of each of ``FATES`` with the ends of its 95 % Wilson interval."""
+        """(4, 3) fraction of the initial states by final motion, with its 95 % Wilson interval."""
         return np.array([[c / self.starts, *wilson(int(c), self.starts)] for c in self.counts])
 
 
 def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) -> Survival:
-    """Integrate initial states, classify their final motions, and test the motion from rest.
+    """Classify the final motions of random initial states, and the stability of that from rest.
 
     Args:
         model: see ``core.model.build``.
-        sections_of: see ``basins.explore``.
+        sections_of: maps initial states to stroboscopic sections, see ``basins.explore``.
         starts: (n_starts, n_state) random initial states.
-        at: mesh cycles that have passed at the last point of a section.
+        at: mesh cycles from the initial state to the last point of a section.
     """
     rest = initial_state(model)
     found = explore(sections_of, np.vstack([rest, starts]), symmetry(model))
@@ -76,7 +76,7 @@ def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) ->
 
 
 def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
-    """Index into ``FATES`` of an attractor."""
+    """Index into ``FATES`` of an attractor whose kind (``motion_kind``) is ``kind``."""
     if from_rest:
         return 0
     if attractor.symmetry == ALIKE:
@@ -85,8 +85,9 @@ def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
 
 
 def _stability(model: Model, y: Array) -> tuple[Array, Array]:
-    """Largest symmetric and transverse exponent, each (2,) with its error, of the motion from
-    y.
+    """Largest exponent per tau of symmetric and antisymmetric perturbations of the motion from y.
+
+    Each (2,) with its standard error; NaN if the gear or the motion is not symmetric.
     """
     flow, exchange = GearFlow(model, 1), symmetry(model)
     none = np.full(2, np.nan)

@@ -42,16 +42,16 @@ def symmetric_exponents(
     k: int = 1,
     at: int = 0,
 ) -> SymmetricGrowth:
-    """The k largest exponents within the symmetry and the k largest transverse to it.
+    """Compute the k largest exponents within the symmetry and the k largest transverse to it.
 
     Args:
         flow: one that commutes with the exchange bit for bit, see ``Flow``.
         y: (n,) symmetric state, ``y == y[exchange]``.
-        exchange: (n,) indices, their own inverse; ``flow.mirror`` of a gear.
+        exchange: (n,) indices that swap left and right, see ``flow.symmetry`` for a gear.
         periods: number of periods averaged over.
-        transient: periods left out first, in which the perturbations align.
+        transient: periods discarded first, in which the perturbations align.
         k: number of exponents of each kind.
-        at: periods that have passed before y, see ``Flow``.
+        at: periods elapsed before y, see ``Flow``.
 
     Raises:
         AnalysisError: the state is not symmetric, or the flow does not keep it so.
@@ -80,12 +80,12 @@ def _split(tangents: Array, exchange: Indices) -> tuple[Array, Array]:
     the slower one.
 
     Args:
-        tangents: (2 k, n) rows; the first k are made symmetric, the others antisymmetric.
-        exchange: (n,) indices that exchange left and right.
+        tangents: (2 k, n) rows; the first k become symmetric, the others antisymmetric.
+        exchange: (n,) indices that swap left and right.
 
     Returns:
-        Orthonormal rows (2 k, n), and the lengths (2 k,) that they had after the projection, each
-        without its part along the rows before it of the same kind.
+        Orthonormal rows (2 k, n), and the length (2 k,) of each projected vector's component
+        orthogonal to the rows before it of the same kind.
     """
     even, odd = np.split(tangents, 2)
     parts = (even + even[:, exchange], odd - odd[:, exchange])

@@ -24,12 +24,12 @@ SAMPLES = 128  # per mesh cycle: turning points are then found to 1e-8
 
 
 def border_passes(flow: Flow, points: Array, mirror: Indices | None = None) -> Passes:
-    """Number of crossings of each backlash edge by each mesh over an orbit of a gear.
+    """Count the crossings of each backlash edge by each mesh over an orbit of a gear.
 
     Args:
         points: (period, n) states of the orbit.
         mirror: indices that swap left and right. If the halves of the orbit are equal, a mesh and
-            its mirror image count as one, named like ``sp_L = sp_R``.
+            its mirror image are counted once, under a name like ``sp_L = sp_R``.
 
     Returns:
         Crossings by edge, such as ``sp_L drive`` for x = +b' and ``sp_L back`` for x = -b'.
@@ -53,7 +53,10 @@ def border_passes(flow: Flow, points: Array, mirror: Indices | None = None) -> P
 
 
 def section(flow: Flow, points: Array) -> tuple[Array, Array]:
-    """Relative displacements and velocities (period, n_mesh) at phase 0, dimensionless.
+    """Relative displacements and velocities of the meshes at the states (period, n) of an orbit.
+
+    Returns:
+        Two arrays (period, n_mesh), in units of b_c and b_c omega_n.
 
     Raises:
         AnalysisError: the flow is not that of a gear.
@@ -70,7 +73,7 @@ def _gear(flow: Flow) -> GearFlow:
 
 
 def turning_points(x: Array, v: Array, h: float) -> Array:
-    """Displacements at the turning points of a closed orbit, by cubic Hermite interpolation.
+    """Displacements where the velocity of a closed orbit changes its sign, by cubic interpolation.
 
     Args:
         x, v: (n,) displacements and velocities over one period; sample n would be sample 0 again.
@@ -88,13 +91,13 @@ def turning_points(x: Array, v: Array, h: float) -> Array:
 
 
 def _passes(heights: Array, level: float) -> int:
-    """Number of crossings of a level, from displacements at successive turning points."""
+    """Number of crossings of a level over a closed orbit, from all its turning points (m,)."""
     beyond = heights > level
     return int((beyond != np.roll(beyond, 1)).sum())
 
 
 def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
-    """Mesh deflections and velocities (samples, n_mesh) over an orbit, dimensionless."""
+    """Mesh deflections and velocities (samples, n_mesh) over an orbit, in b_c and b_c omega_n."""
     p = flow.model.parameters.changed({"samples_per_cycle": SAMPLES})
     model = changed(flow.model, p)
     gear_stepper, n, s = stepper(model), model.layout.n_mesh, model.scales
@@ -112,10 +115,10 @@ def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
 def displacement(model: Model, cycles: Array) -> tuple[Array, Array]:
     """Displacement d and velocity dd/dtau (k, n_mesh) that effects add to the mesh deflections.
 
-    Sampled rows do not contain them.
+    Sampled rows do not contain them. In units of b_c and b_c omega_n.
 
     Args:
-        cycles: (k,) mesh cycles since phase 0.
+        cycles: (k,) times in mesh cycles since phase 0.
     """
     p = model.packed
     d = np.tile(p.d_mean, (len(cycles), 1))

@@ -1,4 +1,4 @@
-"""Largest Lyapunov exponent from two neighbouring trajectories, without tangents.
+"""Largest Lyapunov exponent from the divergence of two trajectories, without tangent vectors.
 
 After Benettin, Galgani and Strelcyn, Phys. Rev. A 14 (1976) 2338: the distance is rescaled to its
 initial value once a period. If it is too small, rounding dominates; if too large, the growth is no
@@ -29,23 +29,23 @@ def over_distances(
     transient: int = 100,
     at: int = 0,
 ) -> Array:
-    """Largest Lyapunov exponent of the motion from y on, from several distances.
+    """Estimate the largest Lyapunov exponent of a motion with each of several initial distances.
 
     Args:
         flow: see ``Flow``; its tangents are not used.
         y: (n,) state on the attractor.
         distances: (m,) of the second trajectory after each rescaling, in the units of the state.
         periods: number of periods averaged over.
-        transient: periods left out first, in which the difference aligns with the fastest
+        transient: periods discarded first, in which the difference aligns with the fastest
             direction.
-        at: periods that have passed before y, see ``Flow``.
+        at: periods elapsed before y, see ``Flow``.
 
     Returns:
-        Exponent and standard error (m, 2) [1/time of the flow]; NaN where the trajectories became
-        equal.
+        Exponent and standard error (m, 2) [1/time of the flow]; NaN where the two trajectories
+        became equal.
 
     Raises:
-        AnalysisError: a distance is not positive.
+        AnalysisError: a distance is not positive, or there are fewer than 20 periods.
         DivergenceError: the motion left the range of the flow.
     """
     for distance in distances:
@@ -62,7 +62,7 @@ def over_distances(
 
 
 def _path(flow: Flow, y: Array, periods: int, at: int) -> Array:
-    """States (periods + 1, n) of the first trajectory, a period apart."""
+    """States (periods + 1, n) of the first trajectory: y, and one after each period."""
     path = [y]
     for i in range(periods):
         path.append(settle(flow, path[-1], 1, at + i))
@@ -70,12 +70,14 @@ def _path(flow: Flow, y: Array, periods: int, at: int) -> Array:
 
 
 def _growth(flow: Flow, path: Array, distance: float, at: int) -> Array:
-    """Log growth (periods,) of the distance between two trajectories; NaN from where they meet.
+    """Log growth (periods,) of the distance between two trajectories in each period.
+
+    NaN from the period in which the two become equal.
 
     Args:
         path: (periods + 1, n) states of the first trajectory.
-        distance: of the second at the start of each period.
-        at: periods that have passed before the first state.
+        distance: of the second trajectory at the beginning of each period.
+        at: periods elapsed before the first state.
     """
     apart = np.random.default_rng(0).normal(size=flow.n)
     apart = distance * apart / np.linalg.norm(apart)

@@ -1,4 +1,4 @@
-"""Put effects into a gear: the only place where effects change a model."""
+"""Build models with effects; no other module changes a model by effects."""
 
 from __future__ import annotations
 
@@ -17,32 +17,33 @@ from herringbone_sim.effects.slots import Slots
 
 
 def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Effects on the gear; those of sensors are left out, as they change no motion."""
+    """Return the effects that change the motion: all but sensor effects."""
     return tuple(one for one in actives if one.effect.level != "sensor")
 
 
 def in_slots(actives: Sequence[Active]) -> bool:
-    """Whether the slots of the gear can represent all of these effects."""
+    """Return whether slots can represent all of these effects; sensor effects do not count."""
     return all(one.effect.fill is not None for one in acting(actives))
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
-    """Model with the given effects in place of those that it had.
+    """Return the model with the given effects instead of its present ones.
 
-    If an effect has laws that no slot represents, the gear is integrated by the laws of all
-    effects, see ``by_laws``; the slots then only give its period and the edges of its events.
+    Sensor effects are left out. If slots cannot represent an effect, the gear is integrated by the
+    laws of all effects, see ``by_laws``; slots then only give its period and the edges of events.
 
     Raises:
-        ParameterError: a locus that the gear or the effect doesn't have.
+        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     chosen = acting(actives)
     return _in_slots(model, chosen) if in_slots(chosen) else by_laws(model, chosen)
 
 
 def by_laws(model: Model, actives: Sequence[Active]) -> Model:
-    """Model with effects that is integrated by their own laws; ParameterError as ``assemble``.
+    """Return the model with effects, to be integrated by their compiled laws.
 
-    Batches of such gears run in lanes if one of the laws is written for lanes.
+    Batches of such gears run in lanes if the laws of at least one effect are written for lanes.
+    ParameterError as ``assemble``.
     """
     chosen = acting(actives)
     filled = _in_slots(model, [one for one in chosen if one.effect.fill is not None])
@@ -56,7 +57,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
 
 
 def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
-    """Model with the slots that effects fill."""
+    """Return the model with effects written into its slots, to be integrated by the core."""
     slots, sizes = Slots(model), []
     for one in chosen:
         before = slots.n_own
@@ -73,16 +74,16 @@ def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
 
 
 def _state_keys(actives: Sequence[Active]) -> list[Hashable]:
-    """Key of each effect, by which its states are kept when the effects change during a run.
+    """Return keys by which effects keep their states when effects change during a run.
 
-    Effect id, locus, and number of effects with the same two that precede it.
+    A key is the id, the locus, and the number of preceding effects with the same id and locus.
     """
     places = [(one.effect.id, one.locus) for one in actives]
     return [(*place, places[:i].count(place)) for i, place in enumerate(places)]
 
 
 def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
-    """Model of a parameter set with effects.
+    """Build the model of a parameter set with effects.
 
     Raises:
         ParameterError: as ``core.model.build`` and ``assemble``.
@@ -91,5 +92,8 @@ def build_with(parameters: Parameters, actives: Sequence[Active] = ()) -> Model:
 
 
 def changed(model: Model, parameters: Parameters) -> Model:
-    """Model of other parameters with the same effects; ParameterError as ``core.model.build``."""
+    """Build a model of other parameters with the effects of ``model``.
+
+    ParameterError as ``build_with``.
+    """
     return build_with(parameters, model.effects)

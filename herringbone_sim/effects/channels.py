@@ -1,4 +1,4 @@
-"""Channels of sensor effects: which ones an effect applies to, and series with some replaced."""
+"""Channels that a sensor effect changes, and tools to change channels of a series."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PREFIXES = ("x", "v", "F")
 
 
 def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
-    """Apply the sensor effects to a series; other effects are ignored.
+    """Return a series with the sensor effects applied in turn; other effects are ignored.
 
     Raises:
         ParameterError: a channel that the series does not have.
@@ -30,7 +30,7 @@ def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
 
 
 def channels_of(series: TimeSeries, sensor_effect: Active) -> tuple[str, ...]:
-    """Channels that a sensor effect applies to; ParameterError if the series lacks one."""
+    """Return ``names_of`` a sensor effect; ParameterError if the series lacks one of them."""
     named = names_of(series.names, sensor_effect)
     missing = [name for name in named if name not in series]
     if missing:
@@ -42,7 +42,10 @@ def channels_of(series: TimeSeries, sensor_effect: Active) -> tuple[str, ...]:
 
 
 def names_of(known: Sequence[str], sensor_effect: Active) -> tuple[str, ...]:
-    """Channels that a sensor effect applies to: those it names, or those known at its locus."""
+    """Return the channels that the option ``channels`` of a sensor effect names.
+
+    ``x``, ``v`` and ``F`` stand for all known channels of that quantity at the locus.
+    """
     wanted = sensor_effect.chosen.get("channels", ())
     named: list[str] = []
     for name in (wanted,) if isinstance(wanted, str) else wanted:
@@ -51,7 +54,10 @@ def names_of(known: Sequence[str], sensor_effect: Active) -> tuple[str, ...]:
 
 
 def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Sensor effects that apply to some of these channels and to no others."""
+    """Return the sensor effects that change only channels among ``names``.
+
+    Effects that name no channel change the whole recording and are included.
+    """
     found = []
     for one in actives:
         concerned = names_of(names, one)
@@ -62,7 +68,7 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
 
 
 def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[str]:
-    """Channels of a quantity at the locus of an effect."""
+    """Return the known channels of a quantity (x, v or F) at the locus of an effect."""
     place = sensor_effect.locus
     found = []
     for name in known:
@@ -77,7 +83,7 @@ def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[
 
 
 def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
-    """Copy of a series with the samples (n,) of some channels replaced."""
+    """Return a copy of a series with new samples (n,) of some channels; others are ignored."""
     data = series.data.copy()
     for name, values in columns.items():
         if name in series:
@@ -86,7 +92,7 @@ def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
 
 
 def between(times: Array, values: Array, at: Array) -> Array:
-    """Values (m,) interpolated at given times; constant beyond the first and last sample."""
+    """Return values (m,) at times ``at`` (m,) by Akima interpolation, constant beyond the ends."""
     inside = np.clip(at, times[0], times[-1])
     found: Array = Akima1DInterpolator(times, values)(inside)
     return found

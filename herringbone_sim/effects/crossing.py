@@ -1,8 +1,8 @@
-"""Where margins of a step fall below zero, from their values and rates at two of its points.
+"""Estimate where margins fall below zero within a step, from values and rates at two points.
 
-``gap`` (4, 2 n) holds distances of the n meshes from their next backlash edges, then those of
-their forces from zero; ``pace`` (4, n) the rates of the former, see ``located.margins``. Rows:
-start of the step, both ends of the bracket, end of the step.
+``gap`` (4, 2 n) holds the margins of n meshes: distances of deflections from the next backlash
+edge, then of forces from zero. ``pace`` (4, n) holds the rates of the former per tau, see
+``located.margins``. Rows: start of the step, both ends of the bracket, end of the step.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import math
 from herringbone_sim.core.packed import called, inlined
 
 START, LOW, HIGH, END = range(4)
-ON_BORDER = 1e-10  # b_c: overshoot of a step that ends at an edge
-ON_ZERO = 1e-7  # overshoot of a force, b_c omega_n^2 kg over the projection
+ON_BORDER = 1e-10  # b_c: overshoot of a deflection at the end of a step that ends at an edge
+ON_ZERO = 1e-7  # overshoot of a force there, in b_c omega_n^2 kg over the projection
 
 
 @called
 def root(a, b, slope_a, slope_b):
-    """Zero in 0 .. 1 of the cubic with values a > 0 > b and given slopes at its ends."""
+    """Return the zero in 0 .. 1 of a cubic with values a > 0 > b and given slopes at 0 and 1."""
     at = a / (a - b)
     for _ in range(4):
         c2 = 3.0 * (b - a) - 2.0 * slope_a - slope_b
@@ -33,7 +33,7 @@ def root(a, b, slope_a, slope_b):
 
 @called
 def passed(gap):
-    """Whether any margin is negative at the end of the step that was tried last."""
+    """Return whether any margin is negative at the end of a step and less than at its start."""
     found = False
     for i in range(gap.shape[1]):
         found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
@@ -42,8 +42,10 @@ def passed(gap):
 
 @called
 def dip(gap, pace, h):
-    """Fraction of a step at which a margin, positive at both ends, is smallest, if negative; else
-    1.
+    """Return the fraction of a step of length h at which a margin dips below zero, else 1.
+
+    Only deflection margins >= 0 at both ends count, if the minimum of their cubic interpolant is
+    below -ON_BORDER; the earliest minimum is returned.
     """
     first = 1.0
     for j in range(pace.shape[1]):
@@ -62,7 +64,7 @@ def dip(gap, pace, h):
 
 @inlined
 def keep(gap, pace, of, into):
-    """Copy margins and rates from one row to another."""
+    """Copy margins and rates from row ``of`` to row ``into``."""
     for i in range(gap.shape[1]):
         gap[into, i] = gap[of, i]
     for j in range(pace.shape[1]):
@@ -71,7 +73,12 @@ def keep(gap, pace, of, into):
 
 @called
 def guess(gap, pace, width):
-    """Fraction of the bracket at which the first edge is passed, and the overshoot at its end."""
+    """Estimate where a bracket LOW .. HIGH of some width passes its first edge.
+
+    Returns:
+        The fraction of the bracket, and the largest overshoot at HIGH in units of ON_BORDER or
+        ON_ZERO.
+    """
     n, part, worst = pace.shape[1], 1.0, 0.0
     for i in range(2 * n):
         if gap[HIGH, i] < 0.0 and gap[HIGH, i] < gap[START, i]:

@@ -1,7 +1,8 @@
 """One step of the Dormand-Prince pair of order 5(4), and tangent vectors over it.
 
-J. Comput. Appl. Math. 6, 19 (1980). The laws of effects are arbitrary code, so the derivative of
-the slope along a tangent is a central difference, taken with every mesh held in its contact state.
+J. Comput. Appl. Math. 6, 19 (1980). "Slope" is dy/dtau. The laws of effects are arbitrary code, so
+its derivative along a tangent is a central difference, with every deflection moved so far into its
+contact state that the difference does not cross a kink.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from herringbone_sim.effects.instant import FREE, clamp_to_contact
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import LENGTH, slope_of
 
+# Butcher tableau; A[6] holds the weights of order 5, LOWER those of order 4.
 A = np.zeros((7, 6))
 A[1, :1] = 1 / 5
 A[2, :2] = 3 / 40, 9 / 40
@@ -36,54 +38,53 @@ FAR = 1e9  # b_c: displacement beyond which the motion has diverged
 
 
 class Gear(NamedTuple):
-    """Data of a gear integrated by laws, as compiled code takes it; n = n_mesh, s = size of a
-    state.
-    """
+    """Data of a gear integrated by laws, as compiled code takes it; s = size of a state."""
 
-    e: Any
-    site: tuple[Array, ...]
-    theta: tuple[Array, ...]
-    gear: Array
-    p: Any
-    si: Array
-    now: Array
-    w: Any
-    g: Any
-    r: Any
-    unit: Array  # (s,) SI units of the effects' own states, 1 elsewhere
-    carrier: Array  # (n_coordinate,)
-    n_state: int  # of s without own states of effects
-    reacts: bool  # whether a law reads forces: steps end where they change sign
+    e: Any  # ``gear.Kernel``
+    site: tuple[Array, ...]  # of each effect, as in ``gear.Laws``
+    theta: tuple[Array, ...]  # of each effect
+    gear: Array  # ``gear.gear_table``
+    p: Any  # ``core.packed.Packed``
+    si: Array  # (5,) units, see ``run.at_instant``
+    now: Array  # (5,) as in ``effects.law``
+    w: Any  # ``gear.Scratch``
+    g: Any  # ``law_stepper._Stage``
+    r: Any  # ``Trial``
+    unit: Array  # (s,) SI units of the effects' states, 1 elsewhere
+    carrier: Array  # (n_coordinate,) row that gives u_c [m] from the coordinates
+    n_state: int  # size of a state without the effects' states
+    reacts: bool  # whether a law has ``react``: steps end where mesh forces change sign
 
 
 class Trial(NamedTuple):
-    """Work arrays of a step with 7 stages, the last one at its end."""
+    """Work arrays of a step with 7 stages, the last one at its end; n = n_mesh."""
 
-    side: NDArray[np.int64]  # (n,) contacts that are kept for later
-    z: Array  # (s,) state, own states in SI units
-    y: Array  # (7, s)
-    rate: Array  # (7, s)
-    hold: Array  # (7, n) what moves each deflection inside its contact [m]
+    side: NDArray[np.int64]  # (n,) contact states saved while tangents are advanced
+    z: Array  # (s,) state, with the effects' states in SI units
+    y: Array  # (7, s) state at each stage
+    rate: Array  # (7, s) slope at each stage
+    hold: Array  # (7, n) shift of each deflection into its contact state [m], see ``stage``
     bound: Array  # (2,) phases [rad] between which the laws are evaluated
-    gap: Array  # (4, 2 n) see ``located.margins``: start, ends of a bracket, end
+    gap: Array  # (4, 2 n) margins, see ``crossing``
     pace: Array  # (4, n) rates of the first n
-    sign: Array  # (n,) of the mesh forces at the start
-    along: Array  # (7, s) slopes of a tangent
-    direction: Array  # (s,)
-    was: Array  # (s,)
-    spent: Array  # (n, 3) time in back contact, separated, in drive contact
+    sign: Array  # (n,) signs of the mesh forces at the start
+    along: Array  # (7, s) derivatives of the slope along a tangent
+    direction: Array  # (s,) tangent at a stage, or slope before a switch
+    was: Array  # (s,) displaced state of a difference
+    spent: Array  # (n, 3) dimensionless time in back contact, separated, in drive contact
 
 
 def trial(n: int, s: int) -> Trial:
-    """Work arrays for n meshes and a state of s numbers."""
+    """Return zeroed work arrays for n meshes and a state of s numbers."""
     sizes = (s, (7, s), (7, s), (7, n), 2, (4, 2 * n), (4, n), n, (7, s), s, s, (n, 3))
     return Trial(np.zeros(n, dtype=np.int64), *(np.zeros(size) for size in sizes))
 
 
 @called
 def slope(m, cycle, phase, y, dy):
-    """Write dy/dtau (s,) at a phase, limited to the bounds of the step; intermediate results in
-    ``m.w``.
+    """Write dy/dtau (s,) of state y into dy, at a phase [rad] clipped to ``m.r.bound``.
+
+    Mesh forces, deflections and laws remain in ``m.w``.
     """
     at = min(max(phase, m.r.bound[0]), m.r.bound[1])
     for k in range(y.size):
@@ -95,9 +96,7 @@ def slope(m, cycle, phase, y, dy):
 
 @inlined
 def stage(m, i, cycle, phase):
-    """Compute the slope of stage i, and deflections moved inside their contact for differences
-    there.
-    """
+    """Compute the slope of stage i and ``hold``, by which a difference there crosses no kink."""
     r, w = m.r, m.w
     slope(m, cycle, phase, r.y[i], r.rate[i])
     for j in range(w.x.size):
@@ -109,8 +108,9 @@ def stage(m, i, cycle, phase):
 
 @called
 def attempt(m, cycle, phase, h):
-    """Try a step of length h from stage 0; its end is stage 6. Returns the error over the
-    tolerance.
+    """Try a step of length h [tau] from stage 0; its end is stage 6.
+
+    Returns the largest error, relative to 1 + |y|, over the tolerance; NaN if an error is NaN.
     """
     r = m.r
     for i in range(1, 7):
@@ -133,7 +133,7 @@ def attempt(m, cycle, phase, h):
 
 @called
 def length(v):
-    """Euclidean norm."""
+    """Return the Euclidean norm of v."""
     square = 0.0
     for k in range(v.size):
         square += v[k] * v[k]
@@ -142,9 +142,7 @@ def length(v):
 
 @called
 def difference(m, cycle, phase, y, v, dv):
-    """Write the derivative of the slope at y along v into dv; deflections are moved by
-    ``m.w.hold``.
-    """
+    """Write the derivative of the slope at y along v into dv; ``m.w.hold`` moves deflections."""
     r, size = m.r, length(v)
     for k in range(v.size):
         dv[k] = 0.0
@@ -160,7 +158,7 @@ def difference(m, cycle, phase, y, v, dv):
 
 @called
 def carry(m, cycle, phase, h, tangents):
-    """Carry tangents (k, s) over the step that was tried last, in place."""
+    """Advance tangents (k, s) in place over the step of length h that was tried last."""
     r, w = m.r, m.w
     for j in range(w.side.size):
         r.side[j] = w.side[j]

@@ -25,12 +25,13 @@ class Parameter:
     """A numeric parameter of an effect: its size, or a property of its shape.
 
     Attributes:
-        name, unit, text: as in a report; the text is its meaning.
-        low, high: bounds.
-        start: a moderate value to start a fit from.
-        neutral: value at which the effect changes nothing; None for a property of its shape.
-        bends: whether it bends the law that it has at its start value. A rig to practise on is not
-            drawn with it, and it stays as it was found where rivals are told apart.
+        name, unit, text: as printed in a report; the text is the meaning.
+        low, high: bounds, inclusive.
+        start: moderate value to start a fit from.
+        neutral: value at which the effect changes nothing, allowed outside the bounds too; None
+            for a property of the shape.
+        bends: whether it only refines the shape of the law. Practice rigs then have its start
+            value, and the comparison of rival explanations does not vary its fitted value.
     """
 
     name: str
@@ -48,8 +49,10 @@ class Option:
     """A discrete choice of an effect: which member, which order, which law.
 
     Attributes:
+        name, text: as printed in a report; the text is the meaning.
+        start: value where none is given.
         choices: allowed values; empty for any text or list of texts.
-        bends: as of a parameter.
+        bends: as for ``Parameter``.
     """
 
     name: str
@@ -61,8 +64,12 @@ class Option:
 
 @dataclass(frozen=True)
 class Locus:
-    """A set of meshes: kind ``sp``, ``rp`` or ``all``; planet ``1`` .. or ``all``; side or
-    ``all``.
+    """Set of meshes at which an effect acts.
+
+    Attributes:
+        mesh: kind, ``sp``, ``rp`` or ``all``.
+        planet: ``1``, ``2``, ... or ``all``; only ``all`` in the reduced model.
+        side: ``L``, ``R`` or ``all``.
     """
 
     mesh: str = "all"
@@ -70,7 +77,11 @@ class Locus:
     side: str = "all"
 
     def mask(self, layout: Layout) -> Array:
-        """(n_mesh,) 1 on the meshes of the locus, else 0; ParameterError if the gear has none."""
+        """Return an array (n_mesh,): 1 on the meshes of the locus, 0 elsewhere.
+
+        Raises:
+            ParameterError: the gear does not have such a mesh kind, planet or side.
+        """
         planets = layout.planets if layout.numbered else ("all",)
         for name, value, known in (
             ("mesh", self.mesh, KINDS),
@@ -102,34 +113,38 @@ Distort = Callable[[Array, TimeSeries, tuple[str, ...]], TimeSeries]
 
 
 def plain_place(model: Model, mask: Array, options: Options) -> Array:
-    """Rows (1, n_mesh): the mask alone."""
+    """Return ``site`` (1, n_mesh) with the mask as its only row; the default ``Effect.place``."""
     rows: Array = mask[None, :].copy()
     return rows
 
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of the catalogue.
+    """Definition of an effect: its parameters, possible places and laws.
 
     Attributes:
         id: name in reports and parameter files.
-        text: what it is, in a line.
+        text: description in one line.
         level: ``mesh`` acts in the force law, ``body`` in the torque balance, ``sensor`` on the
             recording.
-        parameters: in the order of ``theta``.
-        loci: patterns (mesh, planet, side) of possible places: each part a name, ``all`` for all
-            together, or ``*`` for each single one.
+        parameters: numeric parameters, in the order of ``theta``.
+        loci: patterns (mesh, planet, side) of possible places, see ``candidates``: each part is a
+            name, ``all`` (all of them at once) or ``*`` (each of them singly).
         options: discrete choices.
-        fill: (slots, theta, mask (n_mesh,), options) writes the effect into the slots of the gear,
-            see ``effects.slots``; None for an effect that no slot represents.
-        place: rows ``site`` (rows, n_mesh) from the model, the mask of the locus and the options.
+        fill: (slots, theta, mask (n_mesh,), options) -> None, writes the effect into the slots of
+            the gear, see ``effects.slots``; None for an effect that no slot represents.
+        place: (model, mask (n_mesh,), options) -> ``site`` (rows, n_mesh), constants for the laws.
         excite, react, drive: compiled laws, see ``effects.law``.
-        states: (model) -> number of states of its own.
-        lanes: whether the laws are also written for lanes, see ``effects.law``.
-        distort: of a sensor effect: (theta, series, channels) -> series.
-        reach: of a sensor effect: (theta) -> time [s] before or after a sample that it depends on.
-        needs_recording: of a sensor effect: (its channels) -> whether that time grows without
-            bound, so that it acts on whole recordings alone, not on a stream.
+        lanes: whether the laws use the functions of ``core.lanes.vector``, by which they run in
+            lanes too, see docs/effects.md.
+        states: (model) -> number of state variables that the effect adds.
+        distort: (theta, series, channels) -> changed series; sensor effects only.
+        reach: (theta) -> time [s] before and after a sample on which its changed value depends.
+        needs_recording: (channels) -> whether that time grows along a run without bound, so that
+            the effect applies to whole recordings only, not to a stream.
+
+    Raises:
+        ParameterError: an unknown level, or ``distort`` in other than sensor effects.
     """
 
     id: str
@@ -157,25 +172,23 @@ class Effect:
 
     @property
     def neutral(self) -> Array:
-        """theta (p,) at which nothing changes; start values for parameters without a neutral
-        value.
-        """
+        """Parameter values (p,) without influence; the start value where ``neutral`` is None."""
         values = [p.start if p.neutral is None else p.neutral for p in self.parameters]
         return np.array(values, dtype=float)
 
     @property
     def start(self) -> Array:
-        """theta (p,) to start a fit from."""
+        """Parameter values (p,) to start a fit from."""
         return np.array([p.start for p in self.parameters], dtype=float)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest theta (p,)."""
+        """Lowest (p,) and highest (p,) parameter values."""
         low = np.array([p.low for p in self.parameters], dtype=float)
         return low, np.array([p.high for p in self.parameters], dtype=float)
 
     def candidates(self, layout: Layout) -> tuple[Locus, ...]:
-        """Every locus of a gear at which this effect may be."""
+        """Return every locus of a gear that fits a pattern of ``loci``, without repetition."""
         planets = layout.planets if layout.numbered else ("all",)
         known = (KINDS, planets, SIDES)
         found: dict[Locus, None] = {}
@@ -192,13 +205,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Active:
-    """An effect with its size and place, as in a parameter file or a hypothesis.
+    """An effect with parameter values, a place and options, as in a parameter file.
 
     Attributes:
-        effect: its definition.
-        theta: (p,) its parameters.
-        locus: its place.
-        options: choices by name; missing ones have the effect's start values.
+        effect: definition.
+        theta: (p,) parameter values.
+        locus: place.
+        options: pairs of name and value; missing options have their start values.
     """
 
     effect: Effect
@@ -207,12 +220,12 @@ class Active:
     options: tuple[tuple[str, Any], ...] = ()
 
     def with_theta(self, theta: Sequence[float] | Array) -> Active:
-        """The same at the same place with other parameters."""
+        """Return the effect with other parameter values (p,), same place and options."""
         return replace(self, theta=tuple(float(v) for v in theta))
 
     @property
     def chosen(self) -> dict[str, Any]:
-        """Value of every option by name; its start value where none was given."""
+        """Value of every option by name, the start value where none was given."""
         return {o.name: o.start for o in self.effect.options} | dict(self.options)
 
 
@@ -221,11 +234,12 @@ def active(
     locus: Locus = ALL,
     values: Mapping[str, Any] | None = None,
 ) -> Active:
-    """An effect at a place with parameters and options by name; missing ones at their start
-    values.
+    """Return an effect at a place with ``values`` of parameters and options by name.
+
+    Missing ones have their start values. The locus is not checked against ``effect.loci``.
 
     Raises:
-        ParameterError: an unknown name, or a value outside its bounds.
+        ParameterError: an unknown name, or a value that is out of bounds or no choice.
     """
     values = dict(values or {})
     theta = tuple(_number(effect, p, values.pop(p.name, p.start)) for p in effect.parameters)
@@ -239,7 +253,7 @@ def active(
 
 
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
-    """Value of a parameter as a float; ParameterError unless it is a number within its bounds."""
+    """Return a value as a float; ParameterError unless it is neutral or within the bounds."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
@@ -251,7 +265,7 @@ def _number(effect: Effect, p: Parameter, value: Any) -> float:
 
 
 def _choice(effect: Effect, option: Option, value: Any) -> Any:
-    """Value of an option; ParameterError unless it is one of the choices."""
+    """Return an option's value, lists as tuples; ParameterError if it is not among the choices."""
     value = tuple(value) if isinstance(value, list) else value
     if option.choices and value not in option.choices:
         raise ParameterError(

@@ -1,7 +1,7 @@
-"""Evaluate the laws of a gear with effects at recorded motion; no trajectory is computed.
+"""Evaluate the laws of a gear with effects at a recorded motion, without integrating the gear.
 
-Recorded x and v contain the nominal error e(t), so an unknown displacement d appears in the force
-only: F = k f(x + d) + c (v + d').
+Recorded x and v include the nominal error e(t) but not the displacement d of an effect, which
+therefore appears in the force only: F = k f(x + d) + c (v + d').
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SUBSTEPS = 8
 
 @dataclass(frozen=True)
 class Motion:
-    """Recorded motion as the laws read it.
+    """Recorded motion in the form that the laws read.
 
     Attributes:
         times: (n,) [s].
@@ -55,13 +55,13 @@ class LawForces:
 
 
 def motion(model: Model, series: TimeSeries) -> Motion:
-    """Motion of a recording with x and v of all meshes of the model.
+    """Return the motion of a recording that has phase, and x and v of all meshes of the model.
 
-    The mesh frequency is the slope of ``phase``; missing delta_T, T_1 and K are taken from the
-    model.
+    The mesh frequency is the slope of a straight line through ``phase``; missing channels delta_T,
+    T_1 and K have the values of the model.
 
     Raises:
-        AnalysisError: phase, or x or v of a mesh, is missing.
+        AnalysisError: phase, or x or v of a mesh, is missing, or there are fewer than 2 samples.
     """
     p, meshes = model.parameters, model.layout.meshes
     needed = ("phase", *(f"{a}_{m}" for a in "xv" for m in meshes))
@@ -89,7 +89,7 @@ def motion(model: Model, series: TimeSeries) -> Motion:
 def evaluate(
     model: Model, actives: Sequence[Active], moved: Motion, table: Array | None = None
 ) -> LawForces:
-    """Mesh forces and torques of a gear with effects at recorded motion.
+    """Return mesh forces and torques of a gear with effects at a recorded motion.
 
     States of effects (ring, bearing) start at rest and follow the measured forces, so their first
     few cycles contain a transient.
@@ -98,11 +98,11 @@ def evaluate(
         model: built for the operating point (delta_T sets the backlash).
         actives: the effects.
         moved: the motion.
-        table: of the gear, see ``gear_table``; None: that of the model.
+        table: constants of the meshes as ``gear_table``; None: those of the model.
 
     Raises:
-        AnalysisError: an effect with states of its own, and no measured forces.
-        ParameterError: a locus that the gear or the effect doesn't have.
+        AnalysisError: an effect adds states, and no forces were measured to drive them.
+        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     found = laws(model, actives)
     if found.n_own and moved.force is None:
@@ -134,10 +134,10 @@ def evaluate(
 
 
 def forces(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
-    """Normal mesh forces (n, n_mesh) [N], see ``evaluate``."""
+    """Return normal mesh forces (n, n_mesh) [N], see ``evaluate``."""
     return evaluate(model, actives, moved).force
 
 
 def torques(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
-    """Effects' torques over base radius (n, n_bodies) [N], see ``evaluate``."""
+    """Return torques of effects over base radius (n, n_bodies) [N], see ``evaluate``."""
     return evaluate(model, actives, moved).torque

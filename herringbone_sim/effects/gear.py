@@ -1,4 +1,4 @@
-"""Data of the nominal gear and its active effects for the compiled laws, SI units."""
+"""Data of a gear and its active effects in the form that compiled laws read, SI units."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _NOTHING = Active(Effect("nothing", "fills a slot", "mesh", ()), ())
 
 
 class _Pointer:
-    """A compiled law as a function pointer, so that one kernel runs with any laws.
+    """Function pointer to a compiled law, so that one compiled kernel runs with any laws.
 
-    Its Numba type is computed once, because Numba asks for it at every call.
+    The Numba type is computed once, because Numba asks for it at every call.
     """
 
     def __init__(self, function: Any, signature: Any) -> None:
@@ -50,16 +50,19 @@ class _Pointer:
 
 @dataclass(frozen=True)
 class Laws:
-    """Active effects for the kernel, padded to a multiple of four so that it is compiled once.
+    """Laws and constants of active effects for compiled code, n effects with padding.
+
+    Effects that do nothing pad n to a multiple of four: the length of a tuple is part of its Numba
+    type, so compiled code would be compiled again for every number of effects.
 
     Attributes:
-        excite, react, drive: the laws as function pointers.
-        theta: parameters, one array each.
-        site: (rows, n_mesh) of each.
-        first: (n + 1,) index at which the states of each effect begin.
-        n_active: number of effects without the padding.
-        acts: (n, 2) whether each has ``excite`` and ``react``; calls of laws that do nothing are
-            skipped.
+        excite, react, drive: function pointer of each effect.
+        theta: (p,) parameters of each effect.
+        site: (rows, n_mesh) mesh constants of each effect, from ``Effect.place``.
+        first: (n + 1,) index of the first state of each effect, then the number of all states.
+        n_active: number of effects without padding.
+        acts: (n, 2) whether each effect has ``excite`` and ``react``; laws that do nothing are not
+            called.
     """
 
     excite: tuple[Any, ...]
@@ -73,20 +76,20 @@ class Laws:
 
     @property
     def kernel(self) -> Kernel:
-        """All but parameters and sites, as compiled code takes it."""
+        """The fields without ``theta`` and ``site``, as compiled code takes them."""
         return Kernel(self.excite, self.react, self.drive, self.first, self.n_active, self.acts)
 
     @property
     def n_own(self) -> int:
-        """Number of states of all effects."""
+        """Number of states that the effects add."""
         return int(self.first[-1])
 
 
 def laws(model: Model, actives: Sequence[Active]) -> Laws:
-    """Data of active effects for the kernel, those of sensors left out.
+    """Return laws and constants of active effects; sensor effects are left out.
 
     Raises:
-        ParameterError: a locus that the gear or the effect doesn't have.
+        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     mine = [one for one in actives if one.effect.level != "sensor"]
     used, chosen = len(mine), _padded(mine)
@@ -110,16 +113,17 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
 
 
 def _padded(actives: Sequence[Active]) -> list[Active]:
-    """Effects padded with ones that do nothing."""
+    """Append effects that do nothing up to a multiple of ``SLOTS``, at least ``SLOTS``."""
     return [*actives, *[_NOTHING] * (-len(actives) % SLOTS or (0 if actives else SLOTS))]
 
 
 def pointers(
     actives: Sequence[Active], signatures: tuple[Any, Any, Any], lanes: bool = False
 ) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-    """Function pointers to the laws excite, react and drive of effects, padded as ``Laws``.
+    """Return function pointers to excite, react and drive of effects, padded as in ``Laws``.
 
-    With ``lanes`` the laws for lanes; effects without such laws get ones that do nothing.
+    ``signatures`` are those of Numba for the three. With ``lanes``, effects whose laws are not
+    written for lanes get laws that do nothing.
     """
     chosen = [one.effect if one.effect.lanes or not lanes else _NOTHING.effect for one in actives]
     every = [*chosen, *(one.effect for one in _padded(actives)[len(actives) :])]
@@ -132,7 +136,7 @@ def pointers(
 
 
 def _site(model: Model, active_effect: Active) -> Array:
-    """Rows (rows, n_mesh) of one effect."""
+    """Return the mesh constants ``site`` (rows, n_mesh) of an active effect."""
     mask = active_effect.locus.mask(model.layout)
     rows: Array = np.ascontiguousarray(
         active_effect.effect.place(model, mask, active_effect.chosen), dtype=float
@@ -144,7 +148,7 @@ _pointers: dict[tuple[Any, Any], Any] = {}
 
 
 def _pointer(function: Any, signature: Any) -> Any:
-    """Function pointer of a compiled law, made once."""
+    """Return the cached function pointer of a law; the law itself where Numba is disabled."""
     if not hasattr(function, "compile"):
         return function
     key = (function, signature)
@@ -154,7 +158,10 @@ def _pointer(function: Any, signature: Any) -> Any:
 
 
 def gear_table(model: Model) -> Array:
-    """(4 + 4 orders, n_mesh): mean k, c, b', mean e, then cosine and sine of k and e by order."""
+    """Return the mesh constants (4 + 4 orders, n_mesh) of a gear without effects, SI units.
+
+    Rows: mean k, c, b', mean e; then for each order cosine and sine amplitude of k, and of e.
+    """
     p, s = model.bare, model.scales
     stiff = s.omega_n**2 / s.projection
     orders = max(len(p.k_cos), len(p.e_cos))
@@ -171,7 +178,7 @@ def gear_table(model: Model) -> Array:
 
 
 class Kernel(NamedTuple):
-    """``Laws`` as compiled code takes it."""
+    """Fields of ``Laws`` that compiled code takes as one argument."""
 
     excite: tuple[Any, ...]
     react: tuple[Any, ...]
@@ -182,22 +189,22 @@ class Kernel(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Work arrays of the laws; n = n_mesh, s = states of effects, b = bodies."""
+    """Work arrays of the laws, SI units; n = n_mesh, s = states of effects, b = bodies."""
 
-    side: NDArray[np.int64]  # (n,) contact in which each mesh is held, or FREE
-    law: Array  # (5, n)
+    side: NDArray[np.int64]  # (n,) contact state imposed on each mesh (-1, 0, 1), or FREE
+    law: Array  # (5, n) as in ``effects.law``
     x: Array  # (n,) deflection with the effects' displacements
-    v: Array  # (n,)
-    force: Array  # (n,)
-    torque: Array  # (b,)
-    driving: Array  # (n,) forces between samples
-    stage: Array  # (s,)
-    slope: Array  # (4, s)
-    hold: Array  # (n,) added to the deflection of a free mesh [m]
+    v: Array  # (n,) its rate
+    force: Array  # (n,) mesh forces
+    torque: Array  # (b,) torques of effects over base radius
+    driving: Array  # (n,) mesh forces between samples
+    stage: Array  # (s,) states of effects at an RK4 stage
+    slope: Array  # (4, s) rates of the states at the RK4 stages
+    hold: Array  # (n,) added to the deflection of a mesh that is FREE
 
 
 def scratch(model: Model, n_own: int) -> Scratch:
-    """Work arrays for a model with n_own states of effects."""
+    """Return zeroed work arrays for a model with n_own states of effects; all meshes FREE."""
     n = model.layout.n_mesh
     sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own), n)
     free = np.full(n, FREE, dtype=np.int64)
@@ -206,7 +213,7 @@ def scratch(model: Model, n_own: int) -> Scratch:
 
 @contextmanager
 def pointers_allowed() -> Iterator[None]:
-    """Context without Numba's warning that calls through function pointers are experimental."""
+    """Suppress Numba's warning that calls through function pointers are experimental."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
         yield

@@ -1,4 +1,4 @@
-"""Compiled force law with effects at one instant, and at recorded ones, SI units."""
+"""Compiled force law with effects at one instant, and along recorded motion; SI units."""
 
 from __future__ import annotations
 
@@ -41,14 +41,13 @@ def clamp_to_contact(x, b, side, margin):
 
 @inlined
 def instant(e, site, theta, gear, now, own, x, v, w):
-    """Compute forces and torques of one instant into ``w.force`` and ``w.torque``, the laws into
-    ``w.law``.
+    """Compute the law of the meshes, mesh forces and torques of effects at one instant.
 
-    ``e`` is ``gear.Laws.kernel``; x, v (n,) are deflections and rates without the displacements of
-    effects, which are added to give ``w.x`` and ``w.v``. If ``w.side`` holds a mesh in a contact
-    state (-1, 0, 1), its force is continued smoothly beyond the edge of the backlash, and
-    ``react`` gets a deflection inside that state, so that jumps and kinks only occur between
-    steps.
+    Results are ``w.law``, ``w.force`` and ``w.torque``. ``e`` is ``gear.Laws.kernel``; x, v (n,)
+    are deflections and rates without the displacements of effects, which are added to give ``w.x``
+    and ``w.v``. If ``w.side`` imposes a contact state (-1, 0, 1) on a mesh, its force is continued
+    smoothly beyond the edge of the backlash, and ``react`` gets a deflection inside that state, so
+    that jumps and kinks only occur between steps.
     """
     for m in range(x.size):
         w.law[STIFFNESS, m] = gear[MEAN_K, m]
@@ -84,7 +83,7 @@ def instant(e, site, theta, gear, now, own, x, v, w):
 
 @inlined
 def own_slopes(e, site, theta, gear, now, own, force, slope):
-    """Write the rates (s,) of the states of effects under mesh forces (n,) into ``slope``."""
+    """Write the time derivatives (s,) of the effects' states at mesh forces (n,) to ``slope``."""
     for i in range(e.n_active):
         a, b = e.first[i], e.first[i + 1]
         if b > a:
@@ -93,7 +92,10 @@ def own_slopes(e, site, theta, gear, now, own, force, slope):
 
 @called
 def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
-    """Advance states of effects (s,) over h [s] in place by RK4, forces (n,) linear in between."""
+    """Advance states of effects ``own`` (s,) in place over h [s] by RK4 in ``substeps`` steps.
+
+    Mesh forces (n,) vary linearly from ``here`` to ``there``; ``now`` is constant.
+    """
     step = h / substeps
     for k in range(substeps):
         for stage in range(4):
@@ -112,9 +114,10 @@ def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
 
 @law
 def recorded(e, site, theta, gear, times, now, x, v, measured, own, w, substeps, force, torque):
-    """Compute forces (samples, n) and torques (samples, bodies) of recorded motion, row by row.
+    """Write ``force`` (samples, n) and ``torque`` (samples, bodies) of a recorded motion.
 
-    States of effects follow the measured forces (samples, n), starting from ``own``.
+    States of effects start from ``own``, which is overwritten, and follow the mesh forces
+    ``measured`` (samples, n).
     """
     for i in range(x.shape[0]):
         instant(e, site, theta, gear, now[i], own, x[i], v[i], w)

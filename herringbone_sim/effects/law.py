@@ -1,7 +1,8 @@
-"""Arguments of the compiled laws of effects: one instant, all meshes, SI units.
+"""Signatures of the compiled laws of effects, and functions that laws share; SI units.
 
-An effect has up to three laws, each compiled by ``law``, with one of these signatures. They work
-in place: excite changes ``law``, react changes ``force`` and ``torque``, drive writes ``slope``::
+An effect has up to three laws, each compiled by the decorator ``law`` and called for one instant
+with all meshes. They work in place: excite changes ``law``, react changes ``force`` and
+``torque``, drive writes ``slope``::
 
     excite(theta, site, gear, now, own, law)
     react(theta, site, gear, now, own, x, v, law, force, torque)
@@ -9,13 +10,13 @@ in place: excite changes ``law``, react changes ``force`` and ``torque``, drive 
 
 Arrays, with n = n_mesh in the order of ``core.layout``:
 
-    theta (p,): parameters of the effect, in its order.
-    site (rows, n): computed by its ``place``; row 0 is 1 on the meshes of the locus, else 0.
-    gear (rows, n): constants of the meshes without effects, see below.
+    theta (p,): parameter values, in the order of ``Effect.parameters``.
+    site (rows, n): from ``Effect.place``; row 0 is 1 on the meshes of the locus, else 0.
+    gear (rows, n): constants of the meshes without effects, see ``gear.gear_table``.
     now (5,): unwrapped mesh phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
     own (s,): states of the effect, displacement and rate alternating; ``slope (s,)``: their rates.
     law (5, n): stiffness k [N/m], damping c [N s/m], half-backlash b [m], and a displacement
-        d [m] with its rate [m/s] that are added to the deflection: F = k f(x + d) + c (v + d').
+        d [m] with its rate d' [m/s]: the mesh force is k f(x + d) + c (v + d').
     x, v (n,): deflection [m] and its rate [m/s], d and its rate included.
     force (n,): mesh forces [N]. torque (n_bodies,): torque over base radius [N] on s_L, s_R, c,
         p1_L, ..., positive like the rotations u.
@@ -40,7 +41,7 @@ law: Any = njit(cache=True, **COMPILED)
 
 @law
 def stiffness_at(gear, m, phase):
-    """k [N/m] of mesh m without effects at a phase [rad], Eq. (7).
+    """Return k [N/m] of mesh m without effects at a phase [rad], Eq. (7).
 
     From row ``HARMONICS`` on, ``gear`` has four rows per order: cosine and sine of k, then of e.
     """
@@ -54,7 +55,7 @@ def stiffness_at(gear, m, phase):
 
 @law
 def error_at(gear, m, phase):
-    """e [m] of mesh m without effects at a phase [rad], Eq. (9)."""
+    """Return e [m] of mesh m without effects at a phase [rad], Eq. (9)."""
     e = gear[MEAN_E, m]
     for j in range((gear.shape[0] - HARMONICS) // 4):
         angle = (j + 1) * phase
@@ -65,7 +66,7 @@ def error_at(gear, m, phase):
 
 @law
 def error_slope_at(gear, m, phase):
-    """de/dphase [m/rad] of mesh m without effects at a phase [rad]."""
+    """Return de/dphase [m/rad] of mesh m without effects at a phase [rad]."""
     slope = 0.0
     for j in range((gear.shape[0] - HARMONICS) // 4):
         angle = (j + 1) * phase
@@ -77,7 +78,7 @@ def error_slope_at(gear, m, phase):
 
 @law
 def shift_phase(gear, now, m, angle, own_law):
-    """Advance k and e of mesh m by an angle [rad]: order j shifts by j times the angle."""
+    """Advance k and e of mesh m in ``own_law`` by an angle [rad], harmonic j by j angles."""
     phase = now[PHASE]
     ahead = phase + angle
     own_law[STIFFNESS, m] += stiffness_at(gear, m, ahead) - stiffness_at(gear, m, phase)
@@ -88,14 +89,15 @@ def shift_phase(gear, now, m, angle, own_law):
 
 @law
 def bent_temperature(delta_T, curvature):
-    """delta_T [1 + curvature (delta_T / 50 K - 1)] [K]: that at 50 K, not in proportion to it."""
+    """Return delta_T [1 + curvature (delta_T / 50 K - 1)] [K], which is delta_T at 50 K."""
     return delta_T * (1.0 + curvature * (delta_T / 50.0 - 1.0))
 
 
 @law
 def cycles_from_event(now, period, late, position):
-    """Mesh cycles from the nearest event, which recurs every ``period`` cycles from position +
-    late.
+    """Return the mesh cycles since the middle of the nearest event, negative before it.
+
+    Events lie at position + late and recur every ``period`` mesh cycles.
     """
     s = now[PHASE] / TWO_PI - position - late
     return s - period * np.floor(s / period + 0.5)
@@ -103,35 +105,33 @@ def cycles_from_event(now, period, late, position):
 
 @law
 def bump(s, width):
-    """Raised cosine of height 1 around s = 0, zero beyond width / 2; s and width in the same
-    unit.
-    """
+    """Return a raised cosine at s: 1 at s = 0, zero beyond +-width / 2."""
     return 0.5 + 0.5 * np.cos(TWO_PI * s / width) if abs(s) < 0.5 * width else 0.0
 
 
 @law
 def bump_slope(s, width):
-    """Derivative of ``bump`` with respect to s."""
+    """Return the derivative of ``bump`` with respect to s."""
     inside = abs(s) < 0.5 * width
     return -0.5 * TWO_PI / width * np.sin(TWO_PI * s / width) if inside else 0.0
 
 
 @law
 def play(x, b):
-    """Backlash function f(x), Eqs. (1), (4)."""
+    """Return the backlash function f(x) [m] for half-backlash b [m], Eqs. (1), (4)."""
     return x - b if x > b else (x + b if x < -b else 0.0)
 
 
 @law
 def no_excite(theta, site, gear, now, own, law):
-    """Law without excitation."""
+    """Change nothing; the default ``Effect.excite``."""
 
 
 @law
 def no_react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Law that changes no force."""
+    """Change nothing; the default ``Effect.react``."""
 
 
 @law
 def no_drive(theta, site, gear, now, own, force, slope):
-    """Law without states."""
+    """Write nothing; the default ``Effect.drive``, of an effect without states."""

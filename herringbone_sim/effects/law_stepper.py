@@ -1,7 +1,7 @@
-"""Integrate a gear by the laws of its effects, where no slot represents one of them.
+"""Stepper of gears with an effect that no slot represents: integrates the effects' laws.
 
-The Taylor series of the core need the law in closed form; here the method is Runge-Kutta of order
-5 with error control, and steps end at kinks, see ``effects.located``.
+The Taylor series of the core need the force law in closed form. Here the method is Runge-Kutta of
+order 5 with error control, and steps end at kinks, see ``effects.located``.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ _COMPILING = threading.Lock()  # warning filters are global to the process
 
 
 class _Stage(NamedTuple):
-    """Work arrays of a slope; n = n_mesh."""
+    """Work arrays for an evaluation of dy/dtau; n = n_mesh."""
 
     x: Array  # (n,) deflection with the nominal error [m]
     v: Array  # (n,) its rate [m/s]
     scaled: Array  # (n,) mesh forces, dimensionless
-    projection: float
+    projection: float  # see ``core.scaling.Scales``
 
 
 class LawStepper(Stepper):
-    """Stepper of a model by the laws of its effects.
+    """Stepper of a model that is integrated by the laws of its effects.
 
-    The state ``y`` is that of the model followed by the states of the effects, displacements over
-    b_c and rates over b_c omega_n.
+    The state ``y`` is that of the layout followed by the states of the effects, displacement over
+    b_c and rate over b_c omega_n alternating.
 
     Args:
         model: see ``assemble.by_laws``.
 
     Raises:
-        ParameterError: a locus that the gear or the effect doesn't have.
+        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
 
     def __init__(self, model: Model) -> None:
@@ -79,7 +79,7 @@ class LawStepper(Stepper):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether this process has compiled the kernel for laws."""
+        """Whether this process has compiled ``rows.run``."""
         return bool(getattr(run, "signatures", True))
 
     @property
@@ -89,8 +89,10 @@ class LawStepper(Stepper):
     def _sample(
         self, moving: Moving, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
-        """Fill rows and advance ``moving`` in place; returns time, rows filled, switches and
-        contact time.
+        """Fill rows and advance ``moving`` in place.
+
+        Returns time [s], rows filled, contact switches, and the time (n_mesh, 3) in back contact,
+        separated and in drive contact, in sample periods.
         """
         p = self.model.parameters
         spent = self.gear.r.spent
@@ -109,9 +111,9 @@ class LawStepper(Stepper):
         return y, tangents
 
     def _call(self, kernel: Any, *args: Any) -> Any:
-        """Call a kernel for the gear; the types of its arguments are determined once.
+        """Call a compiled function with the gear and ``args``; argument types are found once.
 
-        Numba takes half a millisecond for the type of a gear, more than a mesh cycle.
+        Numba needs half a millisecond to find the type of a gear, more than a mesh cycle takes.
         """
         if kernel not in self._entries:
             self._entries[kernel] = kernel

@@ -1,8 +1,8 @@
-"""Steps of a gear by laws that end at every kink or jump of a law.
+"""Integration of a gear by laws, with steps that end at every kink or jump of a law.
 
 Known in advance are the edges of the events in the gear's slots, and every half mesh cycle, where
-flanks pass the pitch point. Contact changes and sign changes of mesh forces are located by
-repeated trial steps.
+flanks pass the pitch point; the stretch between two of these, or of grid points, is a piece.
+Contact changes and sign changes of mesh forces within it are located by repeated trial steps.
 """
 
 from __future__ import annotations
@@ -26,19 +26,21 @@ from herringbone_sim.effects.dormand_prince import APART, FAR, attempt, carry, l
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
-# Lengths of steps are in units of 1 / omega_n.
-FIRST = 0.06  # first trial step, a hundredth of a natural period
+# Lengths of steps are dimensionless times tau.
+FIRST = 0.06  # first trial step of a piece, a hundredth of a natural period
 SHORTEST = 1e-9  # step that is accepted with any error
-INSIDE = 1e-9  # rad: margin inside a step at which laws that jump at its ends are evaluated
-JUMP = 1e-7  # difference of slopes above rounding
-TRIALS = 40
+INSIDE = 1e-9  # rad: laws may jump at the ends of a piece and are evaluated this far inside
+JUMP = 1e-7  # largest difference of slopes that counts as rounding
+TRIALS = 40  # of ``locate``
 RESIDUE = 1e-13  # remaining length that counts as rounding
 
 
 @inlined
 def margins(m, row):
-    """Write the distance of each mesh from its next backlash edge and its rate, and of its force
-    from zero.
+    """Write the margins (see ``crossing``) of the last evaluated slope into a row of ``gap``.
+
+    A margin is negative beyond the edge of the contact state ``side``, or where a force differs in
+    sign from ``sign``; force margins are 1 if no law reads forces. Rates go into ``pace``.
     """
     r, w = m.r, m.w
     n = w.x.size
@@ -57,7 +59,7 @@ def margins(m, row):
 
 @called
 def contact_now(m, cycle, phase, y):
-    """Set every mesh to the contact state of its deflection."""
+    """Set every mesh to the contact state that follows from its deflection in state y."""
     w = m.w
     for j in range(w.side.size):
         w.side[j] = 0
@@ -69,7 +71,7 @@ def contact_now(m, cycle, phase, y):
 
 @called
 def gap_along(m, cycle, phase, j, v):
-    """Derivative of the margin of mesh j along v, at stage 0."""
+    """Return the derivative of the deflection margin of mesh j along v, at stage 0."""
     r, size, found = m.r, length(v), 0.0
     for sign in (1.0, -1.0):
         for k in range(v.size):
@@ -82,10 +84,10 @@ def gap_along(m, cycle, phase, j, v):
 
 @called
 def begin(m, cycle, phase, tangents):
-    """Prepare stage 0 with every mesh in the contact state that it enters; returns 1 if any
-    switched.
+    """Prepare stage 0: slope, margins, and a switch of each mesh that leaves its contact state.
 
-    Where the switch makes the slope jump, the saltation matrix is applied to the tangents.
+    Where a switch makes the slope jump, the saltation matrix is applied to the tangents (k, s).
+    Returns 1 if any mesh switched, else 0.
     """
     r, w = m.r, m.w
     n, switches = w.side.size, 0
@@ -126,7 +128,7 @@ def begin(m, cycle, phase, tangents):
 
 @called
 def locate(m, cycle, phase, h):
-    """Shorten a step that passes an edge to end just beyond the first one; returns its length."""
+    """Shorten the tried step so that it ends just beyond its first edge; returns its length."""
     r = m.r
     low, high, last = 0.0, h, h
     keep(r.gap, r.pace, START, LOW)
@@ -154,7 +156,7 @@ def locate(m, cycle, phase, h):
 
 @called
 def cut(m, cycle, phase, h):
-    """Length of a step that was tried: h, or up to where it first passes an edge."""
+    """Return the length of the tried step: h, or shorter if it passes an edge."""
     if passed(m.r.gap):
         return locate(m, cycle, phase, h)
     part = dip(m.r.gap, m.r.pace, h)
@@ -170,15 +172,15 @@ def cut(m, cycle, phase, h):
 
 @called
 def piece(m, cycle, phase, reach, tangents):
-    """Integrate from stage 0 over a length in which no edge is known in advance.
+    """Integrate from stage 0 over a piece, in which no edge is known in advance.
 
-    The state at stage 0, the contacts and ``tangents`` (k, s) are advanced in place; the time in
-    each contact is added to ``m.r.spent``.
+    The state at stage 0, contact states and ``tangents`` (k, s) are advanced in place; the time in
+    each contact state is added to ``m.r.spent``.
 
     Args:
         cycle: mesh cycle.
         phase: mesh phase at the beginning [rad].
-        reach: length in units of 1 / omega_n.
+        reach: length of the piece [tau].
 
     Returns:
         Number of instants at which one or more meshes switch contact; -1 if the motion diverged.
@@ -221,7 +223,7 @@ def piece(m, cycle, phase, reach, tangents):
 
 @called
 def to_edge(windows, Omega, cycle, phase):
-    """Dimensionless time to the next edge of an event or the next half mesh cycle."""
+    """Return the time [tau] to the next edge of an event or the next half mesh cycle."""
     turn = phase / TWO_PI
     least = 0.5 * (math.floor(2.0 * (turn + ON_EDGE)) + 1.0) - turn
     for i in range(windows.shape[0]):
@@ -231,9 +233,10 @@ def to_edge(windows, Omega, cycle, phase):
 
 @called
 def grid_step(m, cycle, phase, h, y, tangents):
-    """Advance y (s,) and tangents (k, s) over one step of the phase grid; returns switches, or -1.
+    """Advance y (s,) and tangents (k, s) in place over a step of the phase grid of length h [tau].
 
-    Step control restarts at every grid point, so that a run is bitwise independent of its blocks.
+    Returns the number of contact switches, -1 if the motion diverged. Step control restarts at
+    every grid point, so that a run is bitwise independent of its division into blocks.
     """
     r, done, switches = m.r, 0.0, 0
     for k in range(y.size):

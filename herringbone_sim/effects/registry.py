@@ -1,4 +1,4 @@
-"""Effects by name: from the catalogue, from installed packages, and from a user's own files."""
+"""Effects by id, from the catalogue, installed packages and files that a user names."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ VARIABLE = "HERRINGBONE_EFFECTS"
 
 
 def effects() -> dict[str, Effect]:
-    """All effects by id, sorted by name.
+    """Return all effects by id, sorted by id.
 
     Sources: ``EFFECT`` of the modules in ``effects.catalogue``, of the entry points of the group
     ``herringbone_sim.effects``, and of the files listed in the environment variable
     ``HERRINGBONE_EFFECTS``, separated as in PATH.
 
     Raises:
-        ParameterError: a file without ``EFFECT``, or two effects with one name.
+        ParameterError: a missing file, a module without ``EFFECT``, or two effects with one id.
     """
     return dict(_all_effects(os.environ.get(VARIABLE, "")))
 
 
 def effect(name: str) -> Effect:
-    """Effect by its id; ParameterError lists the known ones."""
+    """Return the effect with an id; ParameterError lists the known ids."""
     known = effects()
     if name not in known:
         raise ParameterError(
@@ -47,7 +47,7 @@ def effect(name: str) -> Effect:
 
 @functools.cache
 def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
-    """All effects for a value of the environment variable."""
+    """Return pairs of id and effect, sorted; ``paths``: value of the environment variable."""
     modules = [
         importlib.import_module(f"{catalogue.__name__}.{module.name}")
         for module in pkgutil.iter_modules(catalogue.__path__)
@@ -77,7 +77,7 @@ def load_file(path: Path) -> ModuleType:
 
 
 def _of(module: ModuleType) -> Effect:
-    """``EFFECT`` of a module."""
+    """Return ``EFFECT`` of a module; ParameterError if it is missing or no ``Effect``."""
     one = getattr(module, "EFFECT", None)
     if not isinstance(one, Effect):
         raise ParameterError(f"{module} must hold EFFECT, an effects.effect.Effect, got {one!r}")

@@ -1,4 +1,4 @@
-"""Compiled run of a gear by laws over the phase grid, with samples or without."""
+"""Compiled integration by laws over the phase grid, with samples or without."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from herringbone_sim.effects.run import FREQUENCY_N, LENGTH, TILT, at_instant
 
 @called
 def write_row(m, t, y, row):
-    """Write one sample (head, x, v, F of the meshes, u of the bodies); returns the largest |x| /
-    b_c.
+    """Write a sample (``Layout.channels``) of state y at time t [s] and ``m.now`` into row.
+
+    Returns the largest deflection |x| / b_c, effects included; NaN if any is NaN.
     """
     w, g, now = m.w, m.g, m.now
     n = w.force.size
@@ -41,7 +42,8 @@ def write_row(m, t, y, row):
 def run(m, y, tangents, growth, place, t, steps, stride, rows):
     """Fill rows with samples ``stride`` grid steps apart, as ``core.run.sample``.
 
-    ``place`` is (cycle, index) and is advanced; returns (time, rows filled, switches).
+    ``y``, ``tangents``, ``growth`` and ``place`` (cycle, index) are advanced in place; y becomes
+    NaN if the motion diverges. Returns (time [s], rows filled, switches).
     """
     h = TWO_PI / (m.p.Omega * steps)
     switches = 0
@@ -66,7 +68,7 @@ def run(m, y, tangents, growth, place, t, steps, stride, rows):
 
 @law
 def cross(m, y, tangents, cycle, cycles, steps):
-    """Advance y and tangents over whole mesh cycles in place, as ``core.run.over_cycles``."""
+    """Advance y, NaN if it diverges, and tangents over cycles, as ``core.run.over_cycles``."""
     h = TWO_PI / (m.p.Omega * steps)
     for c in range(cycle, cycle + cycles):
         for index in range(steps):

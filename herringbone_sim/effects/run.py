@@ -1,4 +1,4 @@
-"""Compiled forces and slope of a gear with effects."""
+"""Compiled mesh forces and state derivative of a gear that is integrated by laws."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
 
 @exposed
 def at_instant(e, site, theta, gear, p, si, now, y, w, g):
-    """Compute deflections, rates, forces and torques of a state into ``g`` and ``w``, SI units.
+    """Compute ``instant`` for a state, its deflections and rates in ``g.x`` and ``g.v``, in SI.
 
-    ``si`` holds b_c [m], b_c omega_n [m/s], the unit of mesh forces [N] (a mesh force of one such
-    unit accelerates by 1 / M), b_c / cos beta [m] and omega_n [rad/s].
+    ``y`` is dimensionless but for the effects' states, which are in SI units. ``si`` holds
+    b_c [m], b_c omega_n [m/s], the unit of mesh forces [N] (which accelerates a mass M by 1 / M in
+    units of b_c omega_n^2), b_c / cos beta [m] and omega_n [rad/s].
     """
     n = w.force.size
     m = 2 + n // 2
@@ -38,7 +39,7 @@ def at_instant(e, site, theta, gear, p, si, now, y, w, g):
 
 @exposed
 def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
-    """Write dy/dtau: Eqs. (18), (22) with the forces and torques of effects, then their states."""
+    """Write dy/dtau (s,): Eqs. (18), (22) with effects, then the effects' states in SI per tau."""
     now[PHASE] = TWO_PI * cycle + phase
     at_instant(e, site, theta, gear, p, si, now, y, w, g)
     n = w.force.size

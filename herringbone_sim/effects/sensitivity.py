@@ -1,11 +1,11 @@
-"""Derivatives with respect to parameters of the gear and of effects, by name.
+"""Gears on both sides of a named parameter, for derivatives by it (columns).
 
 A name is that of a parameter of ``core.parameters``, with an index if it is a list (``delta_T``,
 ``k_factor[2]``), or that of a parameter of an effect, ``ID@MESH/PLANET/SIDE:NAME``
-(``mean_stiffness@sp:factor``). An effect that the gear does not have may be named too: it is added
-at a billionth of its size (a law with a power of the deflection at a thousandth), so that the
-column shows what it would do. Its other values are written before the name,
-``profile_error@sp:order=3,cos``; for an effect that the gear has they select which one is meant.
+(``mean_stiffness@sp:factor``). An effect that the gear lacks may be named too: it is added at a
+billionth of its size (a law with a power of the deflection at a thousandth), so that the column is
+its influence. Other values of the effect are written before the name,
+``profile_error@sp:order=3,cos``; among effects of the gear they select the one with these values.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ BALANCES = ("T_2", "omega_n")
 
 @dataclass(frozen=True)
 class _Named:
-    """A parameter found by its name: of the gear (``field``) or of an effect (its index, -1 if
-    none).
+    """A named parameter, of the gear or of an effect.
 
     Attributes:
         name: as written.
         value: present value.
-        size: a scale of its value.
-        entry: its index in ``values``, or in theta of the effect.
+        size: scale of the value, to which the difference is relative.
+        field: name in ``Parameters``; empty for a parameter of an effect.
+        effect: index of the effect in the list of active effects; -1 for one of the gear.
+        entry: index in ``values``, or in theta of the effect.
         values: all entries of a list parameter; empty for a single value.
     """
 
@@ -58,9 +59,9 @@ class _Named:
 
 
 def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Direction]]:
-    """The gear with all named effects, and a direction for each name.
+    """Return the gear with all named effects, and a direction for each name (see above).
 
-    Without a name of an effect at its neutral value the gear is ``model`` itself.
+    The gear is ``model`` itself unless an effect had to be added or moved off its neutral value.
 
     Raises:
         ParameterError: an unknown name, or a parameter without a derivative (a choice, an integer,
@@ -86,9 +87,7 @@ def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Directi
 def _changed(
     parameters: Parameters, actives: Sequence[Active], named: _Named, value: float
 ) -> Model:
-    """Model with another value of a parameter; may exceed its bounds by the step of the
-    difference.
-    """
+    """Build the model with another value of a parameter, which may exceed the bounds a little."""
     if named.effect >= 0:
         others = list(actives)
         theta = list(others[named.effect].theta)
@@ -189,9 +188,9 @@ def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
 
 
 def _off_neutral(model: Model, active_effect: Active) -> Active:
-    """Effect with parameters at their neutral value moved off it by a little of their size.
+    """Return an effect with parameters at their neutral value moved off it by a small step.
 
-    At the neutral value its events, powers or friction would be left out of the gear.
+    At the neutral value the gear would get no events, powers or friction from the effect.
     """
     parameters = active_effect.effect.parameters
     if all(v != p.neutral for p, v in zip(parameters, active_effect.theta, strict=True)):
@@ -210,6 +209,6 @@ def _off_neutral(model: Model, active_effect: Active) -> Active:
 
 
 def _size(p: Parameter, value: float) -> float:
-    """Scale of a parameter of an effect: the distance of its start value from the neutral one."""
+    """Return the larger distance of start value and ``value`` from neutral, or 1 if both are 0."""
     neutral = 0.0 if p.neutral is None or not np.isfinite(p.neutral) else p.neutral
     return max(abs(p.start - neutral), abs(value - neutral)) or 1.0

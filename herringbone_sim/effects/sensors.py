@@ -1,7 +1,7 @@
 """Apply sensor effects to a run that proceeds block by block.
 
-They change what is published and recorded, never the motion. A drifting clock continues from its
-present reading, so the shown time never jumps.
+They change the samples that are published and recorded, never the motion. When effects change,
+the clock continues from its present reading, so the shown time never jumps.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from herringbone_sim.effects.gear import laws
 from herringbone_sim.errors import ParameterError
 
 BESIDE = 4  # samples on each side that the interpolation needs
-HISTORY = 256  # samples kept for a sensor that looks back from its first one
+HISTORY = 256  # latest samples stored, for a delay that is switched on later
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Reading of the sensors' clock at a simulation time [s], from which it runs at its own
-    rate.
+    """Reading ``shown_s`` [s] of the sensors' clock at simulation time ``t_s`` [s].
+
+    From there it runs at the rate that the sensor effects give it.
     """
 
     t_s: float = 0.0
@@ -37,16 +38,16 @@ class Clock:
 
 
 class Sensors:
-    """The sensors of a run.
+    """Sensor effects of a run; holds the clock and the latest samples without sensor effects.
 
     Args:
-        gear_stepper: of the running gear.
-        actives: effects of the gear; only those of sensors are used.
-        clock: reading of the clock at the start.
-        before: samples (m, n_channels) before the start, as far as they are known.
+        gear_stepper: stepper of the running gear.
+        actives: effects of the gear; only sensor effects are used.
+        clock: reading of the clock at the start; None: it shows the simulation time.
+        before: latest samples (m, n_channels) before the start; None: none are known.
 
     Raises:
-        ParameterError: channels that the gear doesn't have.
+        ParameterError: as ``check_sensors``.
     """
 
     def __init__(
@@ -65,15 +66,16 @@ class Sensors:
         check_sensors(gear_stepper.model.layout, self._actives)
 
     def followed(self, gear_stepper: Stepper, actives: Sequence[Active], t_s: float) -> Sensors:
-        """Sensors that continue from these at a simulation time [s], after a change of gear or
-        effects.
+        """Return sensors that continue after a change of gear or effects at time t_s [s].
+
+        They take over the reading of the clock and the latest samples.
         """
         mine = tuple(one for one in actives if one.effect.level == "sensor")
         clock = self.clock if mine == self._actives else Clock(t_s, self.shown_s(t_s))
         return Sensors(gear_stepper, mine, clock, self.before)
 
     def shown_s(self, t_s: float) -> float:
-        """Reading of the clock at a simulation time [s]."""
+        """Return the reading [s] of the clock at a simulation time [s]."""
         probe = _some_samples(self._stepper.model.layout, t_s)
         return float(self._distorted(probe.data)[0, 0]) if self._actives else t_s + self._drift
 
@@ -82,7 +84,10 @@ class Sensors:
         return self.clock.shown_s - self.clock.t_s
 
     def show(self, block: Block) -> Block:
-        """The block with its rows as the sensors show them."""
+        """Return a block with sensor effects in its rows, and store its latest samples.
+
+        For delays the samples after the block are integrated too, without advancing the run.
+        """
         if not self._actives and not self._drift:
             self.before = block.rows[-HISTORY:]
             return block
@@ -98,7 +103,7 @@ class Sensors:
         return replace(block, rows=self._distorted(rows)[first : first + len(block.rows)])
 
     def _count(self, block: Block) -> int:
-        """Number of samples before and after a block that its distortion depends on."""
+        """Return the number of samples before and after a block on which its rows depend."""
         if not self._reach_s:
             return 0
         p, s = self._stepper.model.parameters, self._stepper.model.scales
@@ -106,29 +111,30 @@ class Sensors:
         return math.ceil(self._reach_s / apart) + BESIDE
 
     def _distorted(self, rows: Array) -> Array:
-        """Rows as the sensors show them."""
+        """Return rows (n, n_channels) with sensor effects, their time read from the clock."""
         names = self._stepper.model.layout.channels
         since = rows.copy()
         since[:, 0] -= self.clock.t_s
         shown = distort(TimeSeries(since[:, 0].copy(), since, names), self._actives)
         data: Array = shown.data.copy()
         if np.array_equal(data[:, 0], since[:, 0]):
-            data[:, 0] = rows[:, 0] + self._drift  # to the bit where there is none
+            data[:, 0] = rows[:, 0] + self._drift  # exact where there is no drift
         else:
             data[:, 0] += self.clock.shown_s
         return data
 
 
 def check_effects(model: Model, actives: Sequence[Active]) -> None:
-    """Raise ParameterError for effects with places, members or channels that the gear doesn't
-    have.
-    """
+    """Raise ParameterError for a place, member or channel of an effect that the gear lacks."""
     laws(model, actives)
     check_sensors(model.layout, actives)
 
 
 def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
-    """Raise ParameterError for a sensor effect on channels that the gear doesn't have."""
+    """Raise ParameterError for a sensor effect that cannot act on a stream of samples.
+
+    The layout lacks its place or a channel, it names no channel, or it needs a whole recording.
+    """
     for one in actives:
         if one.effect.level != "sensor":
             continue
@@ -146,13 +152,13 @@ def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
 
 
 def _some_samples(layout: Layout, t_s: float = 0.0) -> TimeSeries:
-    """Eight samples of zeros, one a second from t_s on."""
+    """Return eight samples of zeros at intervals of 1 s from t_s [s] on."""
     data = np.zeros((8, len(layout.channels)))
     data[:, 0] = t_s + np.arange(8.0)
     return TimeSeries(data[:, 0].copy(), data, layout.channels)
 
 
 def _alone(state: State) -> State:
-    """The state without tangents."""
+    """Return the state without tangents."""
     n = state.y.size
     return replace(state, tangents=np.zeros((0, n)), growth=np.zeros(0))

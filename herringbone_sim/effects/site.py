@@ -1,4 +1,4 @@
-"""When the teeth of a member meet each mesh: rows of ``site`` for events once a revolution."""
+"""Mesh constants (rows of ``site``) for events once a revolution, and parts shared by effects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "
 
 
 def planet_angles(model: Model) -> Array:
-    """Angle [rad] (n_mesh,) of the planet of each mesh on the carrier."""
+    """Return the angle [rad] (n_mesh,) on the carrier of the planet of each mesh.
+
+    Zeros in the reduced model, which does not distinguish planets.
+    """
     p = model.parameters
     if not model.layout.numbered:
         return np.zeros(model.layout.n_mesh)
@@ -38,18 +41,23 @@ def planet_angles(model: Model) -> Array:
 
 
 def is_ring(layout: Layout) -> Array:
-    """(n_mesh,) 1 on ring-planet meshes, 0 on sun-planet meshes."""
+    """Return an array (n_mesh,): 1 on ring-planet meshes, 0 on sun-planet meshes."""
     return np.repeat(np.arange(len(KINDS), dtype=float), layout.n_mesh // 2)
 
 
 def revolutions(model: Model, mask: Array, options: Options) -> Array:
-    """Rows (3, n_mesh): mask, mesh cycles per revolution relative to the carrier, delay in cycles.
+    """Return when a tooth of a gear member passes each mesh.
 
-    A place of the sun meets the planets in the order of their angles, one of the ring in the
-    opposite order; one of a planet meets the ring half a revolution after the sun.
+    A tooth of the sun meets the planets in the order of their angles, a tooth of the ring in the
+    opposite order; a tooth of a planet meets the ring half a revolution after the sun. The gear
+    member is ``options["member"]``.
+
+    Returns:
+        Rows (3, n_mesh): mask; mesh cycles per revolution of the member relative to the carrier;
+        delay in mesh cycles.
 
     Raises:
-        ParameterError: meshes that the member is not part of.
+        ParameterError: the mask has meshes that the member is not part of.
     """
     member = options["member"]
     ring = is_ring(model.layout)
@@ -66,7 +74,7 @@ def revolutions(model: Model, mask: Array, options: Options) -> Array:
 
 
 def whole_cycles(model: Model, mask: Array, options: Options) -> Array:
-    """``revolutions`` for a single tooth, with the delay rounded to whole mesh cycles.
+    """Return ``revolutions`` for a single tooth, its delay rounded to whole mesh cycles.
 
     All meshes have the same phase, so a tooth enters every mesh at the same mesh phase.
     """

@@ -1,7 +1,7 @@
-"""Slots: the quantities of the compiled gear that an effect may change.
+"""Slots: the quantities of a gear that an effect may change without an additional force law.
 
-An effect that only changes slots runs in the kernel of the gear itself, at its speed and with all
-its methods; other effects have compiled laws of their own, see ``effects.law``.
+Effects in slots are integrated by the Taylor kernel of the core, nearly as fast as a gear without
+effects and by every method. Other effects need compiled laws, see ``effects.law``.
 
 Over 300 lines: every slot stands beside its translation for the kernel.
 """
@@ -20,12 +20,13 @@ from herringbone_sim.core.packed import Packed
 
 
 class Slots:
-    """Mesh law and torques of a gear while effects change them, SI units; n = n_mesh.
+    """Mesh law and torques of a gear, to be changed by effects; SI units, n = n_mesh.
 
     The force of a mesh is k f(x + d) + c (v + d'), with f the backlash function of half-width b.
+    ``packed`` converts the result for the kernel.
 
     Attributes:
-        model: the gear without effects.
+        model: the gear; effects that it already has are ignored.
         stiffness: (n,) mean of k [N/m].
         damping: (n,) c [N s/m].
         half_backlash: (n,) b [m].
@@ -54,24 +55,24 @@ class Slots:
 
     @property
     def n_own(self) -> int:
-        """Number of coordinates added so far."""
+        """Number of coordinates added by ``add_coordinates`` so far."""
         return sum(len(own.seat) for own in self._own)
 
     def scale_stiffness(self, factor: Array) -> None:
-        """Multiply k, harmonics included, by factors (n,)."""
+        """Multiply k, its present harmonics included, by factors (n,)."""
         self.stiffness = self.stiffness * factor
         self._k = {order: rows * factor for order, rows in self._k.items()}
 
     def add_stiffness(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic to k, order of the mesh frequency, amplitudes (n,) [N/m]."""
+        """Add cos cos(order phase) + sin sin(order phase) to k, amplitudes (n,) [N/m]."""
         _add(self._k, order, cos, sin)
 
     def add_displacement(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic to d, amplitudes (n,) [m]; the order may be any number."""
+        """Add a harmonic to d, amplitudes (n,) [m]; the order need not be an integer."""
         _add(self._d, order, cos, sin)
 
     def add_torque(self, order: float, cos: Array, sin: Array) -> None:
-        """Add a harmonic to the torques over base radius (n_bodies,) [N], signed like u."""
+        """Add a harmonic to the torques over base radius (n_bodies,) [N], positive along u."""
         _add(self._torques, order, cos, sin)
 
     def add_event(
@@ -82,7 +83,7 @@ class Slots:
         stiffness: Array,
         displacement: Array,
     ) -> None:
-        """Add a recurring event to meshes: a raised cosine of the mesh cycles.
+        """Add an event that recurs on some meshes: a raised cosine over mesh cycles in k and d.
 
         Args:
             period: (n,) mesh cycles between events.
@@ -99,22 +100,24 @@ class Slots:
             self._windows.append((event, stiffness * here, displacement * here))
 
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
-        """Change the spring force of some meshes to k f (|f| / reference)^(exponent - 1),
-        reference in m.
+        """Set the spring force of masked meshes to k f (|f| / reference)^(exponent - 1).
+
+        The reference is in m.
         """
         here = mask > 0.0
         self._law[0, here], self._law[1, here] = reference / self.model.scales.b_c, exponent
 
     def bend_damping(self, mask: Array, share: float, power: float, depth: float) -> None:
-        """Change the damping of some meshes to c v [1 - share + share (|f| / depth)^power], depth
-        in m.
+        """Set the damping of masked meshes to c v [1 - share + share (|f| / depth)^power].
+
+        The depth is in m.
         """
         here = mask > 0.0
         self._law[2, here], self._law[3, here] = share, power
         self._law[4, here] = depth / self.model.scales.b_c
 
     def add_friction(self, constant: Array, lever: Array) -> None:
-        """Add torques by friction on the flanks, which grow with the magnitude of the mesh force.
+        """Add the torques of friction on the flanks.
 
         A mesh force F adds |F| (sign(s) constant + |s| lever) to the torques over base radius [N],
         with s the mesh cycles from the pitch point, negative before it.
@@ -126,7 +129,7 @@ class Slots:
         self._slide += np.stack([constant, lever])
 
     def add_coordinates(self, own: Coordinates) -> None:
-        """Add coordinates, each on a spring."""
+        """Add coordinates on springs; their loads become torques of orders 0 and control_order."""
         self._own.append(own)
         p = self.model.parameters
         order, phase = p.control_order, p.control_phase
@@ -144,8 +147,9 @@ class Slots:
                 self._own_loads[at] = row
 
     def shift_phase(self, mask: Array, angle: float) -> None:
-        """Advance the gear's own k and e by an angle [rad]: order j shifts by j times the
-        angle.
+        """Advance k and e of the gear without effects by an angle [rad] on masked meshes.
+
+        Harmonic j shifts by j times the angle.
         """
         p, s = self.model.bare, self.model.scales
         for j, order in enumerate(p.orders):
@@ -158,7 +162,7 @@ class Slots:
                 add(float(order), unit * mask * more[0], unit * mask * more[1])
 
     def packed(self) -> Packed:
-        """The gear with these slots for the kernel."""
+        """Return the gear with these slots in the dimensionless form of the kernel."""
         model, p = self.model, self.model.bare
         s, layout = model.scales, model.layout
         extra = sorted({*self._k, *self._d} - set(p.orders.tolist()))
@@ -200,9 +204,9 @@ class Slots:
         )
 
     def _forces(self) -> dict[str, Any]:
-        """Fields of ``Packed`` that are empty without effects."""
+        """Return the fields of ``Packed`` for power laws, friction and added coordinates."""
         model, s, n = self.model, self.model.scales, self.model.layout.n_mesh
-        newton = s.b_c * s.omega_n**2 / s.projection  # a mesh force of 1 in the kernel
+        newton = s.b_c * s.omega_n**2 / s.projection  # unit of mesh forces in the kernel
         m, bodies = model.layout.n_coordinate, len(model.layout.bodies)
         joined = _joined(self._own, n, bodies)
         push = np.zeros((3, m + len(joined.seat) + 1, n + len(joined.seat)))
@@ -229,9 +233,10 @@ class Slots:
         }
 
     def _of_bodies(self, torque: Array) -> Array:
-        """Dimensionless accelerations (..., m + 1) from torques (..., n_bodies).
+        """Return accelerations (..., m + 1) over b_c omega_n^2 by torques (..., n_bodies) [N].
 
-        Of suns and planets without the part they share with the carrier, then of the carrier.
+        Torques are over base radius. Entries are the suns and planets without the contribution of
+        the carrier's acceleration, then the carrier; m = n_coordinate.
         """
         p, s = self.model.bare, self.model.scales
         inverse = np.concatenate([p.inv_M_s, [p.inv_M_c], p.inv_M_p.ravel()])
@@ -239,7 +244,7 @@ class Slots:
         return np.concatenate([whole[..., :2], whole[..., 3:], whole[..., 2:3]], axis=-1)
 
     def _accelerations(self, torque: Array) -> Array:
-        """Accelerations (..., n_coordinate) of the coordinates (q, r), over b_c omega_n^2.
+        """Return accelerations (..., n_coordinate) of the coordinates (q, r) over b_c omega_n^2.
 
         Args:
             torque: (..., n_bodies) torque over base radius [N], bodies in the order of
@@ -257,13 +262,15 @@ class Slots:
 class Coordinates:
     """Coordinates u_j that effects add to a gear, s of them, SI units; b = n_bodies, n = n_mesh.
 
-    With F the mesh forces and H_j = k g(u_j) + c u_j' the spring forces, u'' = force F + hold H +
-    load + K cos(..) control, and the bodies get torques over base radius body_force F + body_hold
-    H + body_load + K cos(..) body_control. g is the backlash function, its corners rounded or not;
-    without clearance it is the identity.
+    With F (n,) the mesh forces, H_j = k g(u_j) + c u_j' the forces of the springs, g the backlash
+    function (corners sharp or rounded; the identity without clearance) and C = K cos(order phase +
+    control_phase), Eq. (20),
+
+        u'' = force @ F + hold @ H + load + C control,
+        torques over base radius = F @ body_force + H @ body_hold + body_load + C body_control.
 
     Attributes:
-        shift: (s, n) displacement of each mesh for u_j = 1.
+        shift: (s, n) displacement d of each mesh for u_j = 1.
         seat: (s, 4) k [N/m], c [N s/m], half of the clearance [m], rounding of its corners [m].
         force: (s, n) [1/kg]. hold: (s, s) [1/kg]. load, control: (s,) [m/s^2].
         body_force: (n, b) [-]. body_hold: (s, b) [-]. body_load, body_control: (b,) [N].
@@ -282,7 +289,7 @@ class Coordinates:
 
 
 def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
-    """All added coordinates of a gear as one set."""
+    """Join the added coordinates of a gear with n meshes into one; ``hold`` is block diagonal."""
     size = sum(len(own.seat) for own in all_own)
     hold, first = np.zeros((size, size)), 0
     for own in all_own:
@@ -303,13 +310,13 @@ def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
 
 
 def _add(rows: dict[float, Array], order: float, cos: Array, sin: Array) -> None:
-    """Add cosine and sine amplitudes to the harmonic of an order."""
+    """Add cosine and sine amplitudes to the harmonic of an order in ``rows``, in place."""
     here = np.stack([cos, sin])
     rows[order] = rows[order] + here if order in rows else here
 
 
 def _rows(rows: dict[float, Array], orders: Sequence[float] | Array, n: int) -> Array:
-    """Cosine and sine amplitudes (2, orders, n), zero for missing orders."""
+    """Return cosine and sine amplitudes (2, orders, n), zero for orders missing in ``rows``."""
     table = np.zeros((2, len(orders), n))
     for j, order in enumerate(orders):
         if float(order) in rows:

@@ -1,4 +1,4 @@
-"""Run a gear with effects: its stepper, a change of effects, samples."""
+"""Simulate a gear with effects, and continue a run after a change of its effects."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from herringbone_sim.errors import DivergenceError
 
 
 def stepper(model: Model, actives: Sequence[Active]) -> Stepper:
-    """Stepper of a model with effects; ParameterError as ``assemble``."""
+    """Return the stepper of a model with effects; ParameterError as ``assemble``."""
     return integrate.stepper(assemble(model, actives))
 
 
 def change(old: Stepper, new: Stepper, state: State) -> State:
-    """State that continues a run after a change of live parameters or effects.
+    """Return the state that continues a run after a change of live parameters or effects.
 
-    Displacements and velocities are kept, see ``core.integrate.change``. An effect that stays at
-    its place keeps its states, whatever its size; states of a new one start at rest. Tangents
-    start anew, as many as before.
+    Displacements and velocities do not change, see ``core.integrate.change``. An effect that stays
+    at its place keeps its states even if its size changes; states of a new effect are at rest.
+    Tangents, as many as before, and their growth are initialised again.
     """
     n = old.model.layout.n_state
     moved = integrate.change(old.model, new.model, replace(state, y=state.y[:n]))
@@ -39,12 +39,17 @@ def change(old: Stepper, new: Stepper, state: State) -> State:
 def simulate(
     model: Model, actives: Sequence[Active], cycles: int, state: State | None = None
 ) -> tuple[TimeSeries, State]:
-    """Samples of whole mesh cycles of a gear with effects, and the state after them.
+    """Return samples of whole mesh cycles of a gear with effects, and the state after them.
 
-    Sensor effects are applied to the samples; see ``channels.distort`` to apply them alone.
+    Sensor effects are applied to the samples; ``channels.distort`` applies them to any series.
+
+    Args:
+        actives: effects, which replace those of the model.
+        state: start state; None: the initial state of the parameters.
 
     Raises:
         DivergenceError: the state left the range of any physical motion.
+        ParameterError: as ``assemble``, or a channel that the gear lacks.
     """
     made = stepper(model, actives)
     block = made.advance(state or made.start(), cycles * model.parameters.samples_per_cycle)

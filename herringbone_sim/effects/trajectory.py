@@ -1,4 +1,4 @@
-"""Samples of a trajectory with all derivatives, for fits by shooting."""
+"""Trajectories with derivatives by the start state and by parameters, for fits by shooting."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.sensitivity import Direction, in_units_of, need_series
 from herringbone_sim.effects.sensitivity import directions
 
-NUDGE = 1e-6  # half of the difference of states (b_c, b_c omega_n) for derivatives of samples
+NUDGE = 1e-6  # b_c or b_c omega_n: half of the central difference of states in ``by_reading``
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """Samples and their derivatives with respect to the first state and to p parameters.
 
+    States are dimensionless (b_c, b_c omega_n).
+
     Attributes:
         model: the gear with all named effects.
-        directions: the parameters.
+        directions: the p parameters theta.
         states: (n, n_state) at each sample.
         transition: (n, n_state, n_state) dy/dy(first sample).
         columns: (n, p, n_state) dy/dtheta at the same mesh phase, see ``core.sensitivity``.
@@ -45,7 +47,7 @@ class Trajectory:
 
     @cached_property
     def by_reading(self) -> Array:
-        """(n, n_channels, n_state) derivatives of the samples with respect to the state there."""
+        """(n, n_channels, n_state) derivatives of each sample [SI] by the state at it."""
         stepper, n = Stepper(self.model), self.model.n_state
         moved = NUDGE * np.eye(n)[:, None, :]
         sides = [
@@ -56,25 +58,20 @@ class Trajectory:
 
     @cached_property
     def by_start(self) -> Array:
-        """(n, n_channels, n_state) derivatives of ``rows`` [SI] with respect to the first state.
-
-        The state is dimensionless (b_c, b_c omega_n).
-        """
+        """(n, n_channels, n_state) derivatives of ``rows`` [SI] by the first state."""
         found: Array = self.by_reading @ self.transition
         return found
 
     @cached_property
     def by_parameters(self) -> Array:
-        """(n, n_channels, p) derivatives of the samples with respect to the parameters, first
-        state fixed.
-        """
+        """(n, n_channels, p) derivatives of ``rows`` by the parameters, first state fixed."""
         own = [self._direct(one) for one in self.directions]
         through = self.by_reading @ self.columns.transpose(0, 2, 1)
         found: Array = through + np.array(own).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
         return found
 
     def _direct(self, direction: Direction) -> Array:
-        """(n, n_channels) derivative of the samples by a parameter at fixed states in SI."""
+        """Return the derivative (n, n_channels) of ``rows`` by a parameter, SI states fixed."""
         sides = []
         for gear in (direction.plus, direction.minus):
             states = in_units_of(gear, self.model, self.states)
@@ -83,7 +80,7 @@ class Trajectory:
         return whole
 
     def _places_in(self, gear: Model) -> NDArray[np.int64]:
-        """Places of the same mesh phases on the grid of another gear."""
+        """Return ``places`` of the same mesh phases on the grid of another gear."""
         steps, others = self.model.parameters.steps, gear.parameters.steps
         places: NDArray[np.int64] = self.places * np.array([1, others]) // np.array([1, steps])
         return places
@@ -97,11 +94,12 @@ def trajectory(
     cycle: int = 0,
     sample: int = 0,
 ) -> Trajectory:
-    """Integrate from a state (n_state,), with derivatives by it and by named parameters.
+    """Integrate from a state, with derivatives by that state and by named parameters.
 
     Args:
-        names: as in ``effects.sensitivity``.
-        cycle, sample: mesh cycle, and sample in it, of the state, which is that of the first row.
+        y: (n_state,) dimensionless state of the first sample.
+        names: parameters to differentiate by, as in ``effects.sensitivity``.
+        cycle, sample: mesh cycle of ``y`` and sample within that cycle.
 
     Raises:
         ParameterError: an unknown name, ``method: rk4``, or effects by their own laws.

@@ -1,4 +1,4 @@
-"""Effects as text: ``{effect, locus, parameters}`` in a list, or a line of text.
+"""Read and write effects: a list of mappings {effect, locus, parameters}, or a line of text.
 
 The line is ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``, several joined by ``;``. Omitted parts of the
 place mean all, omitted values have their start value; several channels of a sensor are written
@@ -21,10 +21,10 @@ FORM = (
 
 
 def read_effects(content: Any) -> tuple[Active, ...]:
-    """Active effects from a text or a list of mappings; empty input gives none.
+    """Return the effects of a text or a list of mappings, see above; none for None or no text.
 
     Raises:
-        ParameterError: another form, or an unknown effect, locus or value.
+        ParameterError: another form, or an unknown effect, name or value.
     """
     if content is None:
         return ()
@@ -36,10 +36,12 @@ def read_effects(content: Any) -> tuple[Active, ...]:
 
 
 def parse_effect(text: str) -> Active:
-    """Effect from a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
+    """Return the effect of a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
+
+    The place is not checked, as that needs a gear, see ``Locus.mask``.
 
     Raises:
-        ParameterError: another form, or an unknown effect, place or value.
+        ParameterError: another form, or an unknown effect, name or value.
     """
     head, _, tail = text.partition(":")
     name, _, place = head.partition("@")
@@ -62,7 +64,7 @@ def parse_effect(text: str) -> Active:
 
 
 def number(text: str) -> float | int | str:
-    """A text as an integer, a float, or itself without spaces at its ends."""
+    """Return a text as an integer, else a float, else the text without spaces at its ends."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -72,7 +74,7 @@ def number(text: str) -> float | int | str:
 
 
 def _read(entry: Any) -> Active:
-    """Effect from a mapping."""
+    """Return the effect of a mapping {effect, locus, parameters}; ParameterError for others."""
     if not isinstance(entry, Mapping) or "effect" not in entry:
         raise ParameterError(
             f"an effect must be a mapping with its id, got {shown(entry)}: {FORM}"
@@ -91,7 +93,7 @@ def _read(entry: Any) -> Active:
 
 
 def parameter_values(active_effect: Active) -> dict[str, Any]:
-    """Parameters and options of an effect by name."""
+    """Return values of all parameters and options of an effect by name, tuples as lists."""
     numbers = {
         p.name: value
         for p, value in zip(active_effect.effect.parameters, active_effect.theta, strict=True)
@@ -101,17 +103,17 @@ def parameter_values(active_effect: Active) -> dict[str, Any]:
 
 
 def effects_text(actives: Sequence[Active]) -> str:
-    """Active effects as one line of text, the inverse of ``read_effects``."""
+    """Return effects as one line of text; the inverse of ``read_effects``."""
     return "; ".join(_text(one) for one in actives)
 
 
 def _text(active_effect: Active) -> str:
-    """Text of one effect."""
+    """Return one effect as text, all its parameters and options included."""
     place = "/".join(
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )
     every = parameter_values(active_effect).items()
-    # An empty list is a choice of nothing: it is left out.
+    # An empty list has no written form: the option is omitted.
     pairs = [f"{name}={_plain(value)}" for name, value in every if value != []]
     return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 

@@ -26,7 +26,7 @@ from std_msgs.msg import Float64
 
 
 class ChaosControl(Node):  # type: ignore[misc]
-    """Raises K until the motion is periodic, then lowers it until it is not."""
+    """Node that raises K until the motion is periodic, then lowers it until it is not."""
 
     def __init__(self) -> None:
         super().__init__("chaos_control")
@@ -44,7 +44,7 @@ class ChaosControl(Node):  # type: ignore[misc]
         self.create_subscription(DiagnosticArray, f"{simulator}/regime", self._listen, 10)
 
     def _listen(self, message: DiagnosticArray) -> None:
-        """Repeat a command that has not arrived; decide after K was held for the dwell time."""
+        """Callback of ``regime``: resend K until it arrives, and decide after the dwell time."""
         values = {item.key: item.value for item in message.status[0].values}
         if float(values["K"]) != self._K:
             self._send(self._K)
@@ -58,7 +58,7 @@ class ChaosControl(Node):  # type: ignore[misc]
         self._decide(self._is_target(values["regime"]))
 
     def _is_target(self, regime: str) -> bool:
-        """Whether a regime is that of the parameter ``wanted``."""
+        """Whether the label of a regime is what the parameter ``wanted`` asks for."""
         return regime.startswith("P") if self._target == "P" else regime == self._target
 
     def _decide(self, periodic: bool) -> None:
@@ -82,7 +82,7 @@ class ChaosControl(Node):  # type: ignore[misc]
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run until both transitions are found or K reaches its bounds."""
+    """Run until both transitions are found, K reaches its bounds or a signal; return 0."""
     if "--help" in (sys.argv if args is None else args):
         print(__doc__)
         return 0

@@ -31,17 +31,17 @@ from herringbone_sim.recording.rig import RigPlan, make_campaign
 
 Columns = dict[str, Array]
 
-# Unit of each quantity in the files, and its number per SI unit.
+# Unit of each quantity in the files, and the number of them in one SI unit.
 UNITS = {"x": ("um", 1e6), "v": ("mm/s", 1e3), "F": ("kN", 1e-3), "u": ("um", 1e6)}
 ALL = Layout(n_classes=Parameters.n_planets, numbered=True).channels  # channels of the full model
 DEGREES = 180.0 / np.pi
-# Torque meter: sampling rate, advance of its start [s], noise.
+# Torque meter: sampling rate [Hz], time by which it starts earlier [s], RMS noise [N m].
 TORQUE_HZ, TRIGGER_S, NOISE_NM = 4e3, 5e-4, 0.5
 HEADER_BYTES = 512  # MATLAB header before the HDF5 data of a v7.3 file
 
 
 def by_quantity(series: TimeSeries) -> dict[str, Columns]:
-    """Channels (n,) by quantity and place, as ``["F"]["sp1_L"]``, in the units of the files."""
+    """Channels (n,) in units of the files, by quantity and place, as ``["F"]["sp1_L"]``."""
     found: dict[str, Columns] = {}
     for name in series.names:
         quantity, _, place = name.partition("_")
@@ -51,7 +51,7 @@ def by_quantity(series: TimeSeries) -> dict[str, Columns]:
 
 
 def flat(series: TimeSeries, form: str) -> Columns:
-    """Columns named by the template ``form``, as ``{q} {place}``, and the phase [deg]."""
+    """Phase [deg] and channels as columns named by a template such as ``{q} {place}``."""
     columns = {"phase": DEGREES * series["phase"]}
     for q, places in by_quantity(series).items():
         columns |= {form.format(q=q, place=place): one for place, one in places.items()}
@@ -59,7 +59,10 @@ def flat(series: TimeSeries, form: str) -> Columns:
 
 
 def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, Any]:
-    """Section ``channels`` of an import spec, for columns named by the template ``form``."""
+    """Section ``channels`` of an import spec for columns named by the template ``form``.
+
+    A ``*`` stands for all meshes or bodies of a quantity; ``phase`` is the column of the phase.
+    """
     found: dict[str, Any] = {"phase": {"column": phase, "unit": "deg"}}
     for q, (unit, _) in UNITS.items():
         names = {name for name in series.names if name.startswith(f"{q}_")}
@@ -70,7 +73,10 @@ def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, A
 
 
 def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write CSV with semicolons, decimal commas and a line of units; torque in a second file."""
+    """Write CSV with semicolons, decimal commas, a line of units, and torque in a second file.
+
+    Returns the entries of both files for the import spec, as every writer below does.
+    """
     columns = {"time": 1e3 * series.times, **flat(series, "{q} {place}")}
     _table(path, columns, ["ms", "deg", *(UNITS[n.split()[0]][0] for n in list(columns)[2:])])
     meter = path.with_name(f"{path.stem}_torque.csv")
@@ -97,14 +103,14 @@ def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def _table(path: Path, columns: Columns, units: Sequence[str]) -> None:
-    """Write columns with names and units as semicolon-separated text with decimal commas."""
+    """Write a table with lines of names and units, semicolons and decimal commas."""
     lines = [";".join(columns), ";".join(units)]
     lines += [";".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()]
     path.write_text("\n".join(lines).replace(".", ",") + "\n", encoding="utf-8")
 
 
 def write_parquet(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write Parquet with timestamps as dates."""
+    """Write Parquet with dates as time stamps; return its entry for the import spec."""
     arrow = package("pyarrow", "pyarrow", "Parquet files")
     parquet = package("pyarrow.parquet", "pyarrow", "Parquet files")
     first = np.datetime64("2026-03-02T09:30:00", "ns")
@@ -115,7 +121,7 @@ def write_parquet(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write a MATLAB file (v5) with a structure per quantity and a sampling rate."""
+    """Write a MATLAB file (v5), a structure per quantity; return its entry for the import spec."""
     content = {"phase": DEGREES * series["phase"], **by_quantity(series)}
     package("scipy.io", "scipy", "MAT files").savemat(path, content, oned_as="column")
     clock = {"rate": f"{(len(series) - 1) / float(np.ptp(series.times))!r} Hz"}
@@ -123,7 +129,7 @@ def write_mat(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write a MATLAB v7.3 file: HDF5 with transposed arrays."""
+    """Write a MATLAB v7.3 file, HDF5 with transposed arrays; return its entry for the spec."""
     h5py = package("h5py", "h5py", "HDF5 and MAT v7.3 files")
     with h5py.File(path, "w", userblock_size=HEADER_BYTES) as file:
         file["t"], file["phase"] = series.times[None], DEGREES * series["phase"][None]
@@ -137,7 +143,7 @@ def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write TDMS waveforms, each with its start and increment."""
+    """Write TDMS waveforms with start and time step; return their entry for the import spec."""
     tdms = package("nptdms", "npTDMS", "TDMS files")
     clock = {"wf_start_offset": 0.0, "wf_increment": float(series.times[-1]) / (len(series) - 1)}
     waves = [
@@ -150,7 +156,7 @@ def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write HDF5 with a group per quantity."""
+    """Write HDF5 with a group per quantity; return its entry for the import spec."""
     with package("h5py", "h5py", "HDF5 files").File(path, "w") as file:
         file["t"] = 1e6 * series.times
         for name, one in flat(series, "{q}/{place}").items():
@@ -160,7 +166,7 @@ def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
 
 
 def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
-    """Write a rosbag2 with one array message per sample."""
+    """Write a rosbag2, an array message per sample; return its entry for the import spec."""
     bags = package("rosbags.rosbag2", "rosbags", "rosbag2 files")
     types = package("rosbags.typesys", "rosbags", "rosbag2 files")
     store = types.get_typestore(types.Stores.ROS2_JAZZY)
@@ -182,7 +188,7 @@ def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     return [{"path": path.name, "time": clock, "channels": found}]
 
 
-# By file name; a writer returns the entries ``files`` of its run in the import spec.
+# Writer of each file; returns the entries in the list ``files`` of its run in the import spec.
 WRITERS: Mapping[str, Callable[[Path, TimeSeries], list[dict[str, Any]]]] = {
     "bench.csv": write_csv,
     "bench.parquet": write_parquet,
@@ -208,9 +214,9 @@ def write_example(
     Args:
         out: new folder.
         cycles: mesh cycles per run.
-        seed: of the rig.
+        seed: seed of the random numbers of the rig.
         actives: effects of the rig.
-        recorded: channels such as ``u_s_L``; empty: all.
+        recorded: names of the channels to record, such as ``u_s_L``; empty: all.
 
     Returns:
         Path of the spec.

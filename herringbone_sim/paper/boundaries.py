@@ -1,4 +1,4 @@
-"""Boundaries between motions: read off a sweep, or bisected with every value from one start."""
+"""Boundaries between motions: read from the values of a sweep, or bisected."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.paper.scenarios import Scenario
 from herringbone_sim.paper.staircase import Reading, Way, request
 from herringbone_sim.paper.statements import BoundaryAt
 
-ROUNDS, INNER = 2, 15  # of the bisection; values within the interval in each round
+ROUNDS, INNER = 2, 15  # rounds of the bisection; values inside the interval in each
 SETTLE = 4000  # mesh cycles discarded at each value
 MOVES = 8  # largest number of steps by which the interval is moved
 FINE = 1e-5  # b_c, tolerance of a period
@@ -26,8 +26,8 @@ class Boundary:
     Attributes:
         at: the value; NaN if the sweep does not show the change.
         half_width: half of the interval in which it lies.
-        share_before, share_after: shares of the sweep's values with the motion, within 3 % of the
-            sweep on either side; 1 and 1 for a clean change, less for a ragged one.
+        share_before, share_after: fractions of the sweep's values with the two motions, within 3 %
+            of the sweep on either side; 1 and 1 for a clean change, less for a ragged one.
         note: how it was obtained.
     """
 
@@ -39,7 +39,7 @@ class Boundary:
 
 
 def locate(sweep: Sweep, wanted: BoundaryAt) -> Boundary:
-    """A published boundary as read off the values of a sweep."""
+    """Find a published boundary among the values of a sweep, see ``regimes.find_cut``."""
     near = (wanted.low + wanted.high) / 2.0
     cut = find_cut(sweep, wanted.before, wanted.after, near)
     if cut is None:
@@ -57,13 +57,21 @@ def bisect(
     wanted: BoundaryAt,
     way: Way | None = None,
 ) -> Boundary:
-    """A published boundary to 1/256 of the step of a sweep, 15 values at a time.
+    """Locate a published boundary to 1/256 of the step of a sweep, 15 values at a time.
 
     Only a boundary whose two neighbouring values show the two motions can be bisected; any other
     is returned as from ``locate``. Every value settles for 4000 cycles and must repeat to 1e-5
     b_c: near a period doubling a motion leaves its old orbit slowly and not far, so the interval
-    of the sweep may first have to be moved by some steps. In the interval the first value counts
-    that does not have the motion ``before``.
+    of the sweep may first have to be moved by some steps. In the interval, the first value
+    without the motion ``before`` counts.
+
+    Args:
+        runner: integrates the runs.
+        scenario: of the sweep.
+        reading: parameters that the paper leaves open.
+        sweep: in which the boundary is first located.
+        wanted: the published boundary.
+        way: start and step size; None for the initial state and the Taylor series.
     """
     located = locate(sweep, wanted)
     if not located.note.startswith("clean"):

@@ -60,8 +60,8 @@ class Obtained:
     """Result of the check of a statement.
 
     Attributes:
-        text: what was obtained.
-        error: obtained minus published, or a share of values, see ``RULES``; NaN for none.
+        text: the computed result, in words.
+        error: computed minus published, or a fraction of values, see ``RULES``; NaN for none.
         ok: whether the statement counts as right.
     """
 
@@ -76,7 +76,7 @@ class Evidence:
 
     Attributes:
         sweep: motions (and exponents) over the swept parameter.
-        boundaries: bisected boundaries by statement; others are read off the sweep.
+        boundaries: bisected boundaries by statement; missing ones are located in the sweep.
         points: motion and exponent (NaN if unknown) at single values.
     """
 
@@ -87,7 +87,7 @@ class Evidence:
 
 @singledispatch
 def check(statement: Statement, evidence: Evidence) -> Obtained:
-    """Check a statement by the rule of its kind."""
+    """Check a statement against results by the rule for its kind, see ``RULES``."""
     raise TypeError(f"no rule for {type(statement).__name__}")
 
 
@@ -124,7 +124,7 @@ def _(statement: BoundaryAt, evidence: Evidence) -> Obtained:
 
 
 def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float, float]:
-    """Shares of both motions beside a boundary, within 3 % or within the published window."""
+    """Fractions of values with both motions beside a boundary, over the ranges of ``RULES``."""
     reach = REACH * _span(sweep)
     widths = {w.motion: w.high - w.low for w in scenario(statement.scenario).windows}
     left, right = (min(reach, widths[motion]) for motion in (statement.before, statement.after))
@@ -167,7 +167,7 @@ def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
 
 
 def _alike(sweep: Sweep, inside: Flags, sign: int) -> str:
-    """Median exponent, and share of symmetric perturbations whose exponent has the sign."""
+    """Text with the median exponent and the fraction of values whose ``within`` has the sign."""
     exponents, within = sweep.exponents[inside, 0], sweep.exponents[inside, 2]
     if not np.isfinite(exponents).any():
         return ", none known"

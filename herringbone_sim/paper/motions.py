@@ -1,4 +1,4 @@
-"""The motion of a four-panel figure, analysed as if it had been recorded."""
+"""Analysis of the motion of a four-panel figure of the paper, as that of a recorded run."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.paper.reproduction import POINT_CYCLES, POINT_SETTLE, Point
 
 CYCLES, SAMPLES = 480, 64
-RUN = POINT_SETTLE + POINT_CYCLES  # mesh cycles behind the end of a point's run
+RUN = POINT_SETTLE + POINT_CYCLES  # mesh cycles before the end state of a point
 
 
 def recorded(point: Point) -> SegmentResult:
-    """Analysis of 480 further mesh cycles; the section is that of the point's own, longer run.
+    """Integrate 480 mesh cycles more of the motion of a figure, and analyse them like a recording.
+
+    The section in the result is that of the point, which has 2000 cycles.
 
     Raises:
         DivergenceError: the motion diverges.
@@ -39,7 +41,7 @@ def recorded(point: Point) -> SegmentResult:
 
 
 def _section(model: Model, states: Array, like: Section) -> Section:
-    """Section in SI units of dimensionless states (n, n_state) at phase 0."""
+    """Section in SI units from dimensionless states (n, n_state) at phase 0; times are counts."""
     pairs = [relative(model, y[: model.layout.n_state], 0.0) for y in states]
     scale = model.scales
     return replace(

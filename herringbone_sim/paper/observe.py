@@ -1,4 +1,4 @@
-"""Batches of runs that the reproduction asks for; finished ones are stored in a folder."""
+"""Batches of runs for the reproduction of the paper; finished batches are cached in a folder."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Request:
         sets: n parameter sets.
         starts: (n, n_state) states at phase 0, dimensionless; None for the initial states.
         transient, cycles, points, exponents: see ``core.batch.run_batch``.
-        before: mesh cycles that have passed at the start.
+        before: mesh cycles elapsed before the starts, which set the phase of control and effects.
         effects: of every gear.
     """
 
@@ -45,7 +45,7 @@ class Request:
     effects: tuple[Active, ...] = ()
 
     def parts(self) -> list[Request]:
-        """The request in parts of at most ``CHUNK`` runs."""
+        """Split the request into requests of at most ``CHUNK`` runs."""
         slices = [slice(i, i + CHUNK) for i in range(0, len(self.sets), CHUNK)]
         starts = [None if self.starts is None else self.starts[rows] for rows in slices]
         pairs = zip(slices, starts, strict=True)
@@ -53,7 +53,7 @@ class Request:
 
     @property
     def length(self) -> tuple[int, int, int, bool]:
-        """Length of the runs, in the order of the arguments of ``run_batch``."""
+        """Transient, cycles, points, exponents: the arguments of ``run_batch`` in order."""
         return self.transient, self.cycles, self.points, self.exponents
 
     @property
@@ -64,11 +64,11 @@ class Request:
 
 
 class BatchRunner:
-    """Runs requests on threads and stores their batches in a folder.
+    """Integrates requests on threads and caches their batches in a folder.
 
     Args:
-        folder: created if missing; None stores nothing.
-        workers: threads.
+        folder: created if missing; None caches nothing.
+        workers: number of threads.
         done: called with the number of runs of each finished chunk.
 
     Raises:
@@ -84,11 +84,11 @@ class BatchRunner:
         self._chunks = ChunkRunner(ArrayCache(folder), workers, done)
 
     def batch(self, request: Request) -> Batch:
-        """The batch of one request."""
+        """Integrate the runs of one request, or read them from the cache."""
         return self.batches([request])[0]
 
     def batches(self, requests: Sequence[Request]) -> list[Batch]:
-        """The batches of several requests, run side by side."""
+        """Integrate several requests side by side, or read them from the cache."""
         jobs = [[_chunk(part) for part in request.parts()] for request in requests]
         return [
             Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})

@@ -1,4 +1,4 @@
-"""Motion at each value of a sweep, and the changes from one motion to another."""
+"""Motion at each value of a sweep, and where it changes from one motion to another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from herringbone_sim.paper.scenarios import CHAOS, FAILED, motion_name
 
 MAX_PERIOD = 12
 POINTS = 64
-REACH = 0.03  # of the sweep: distance over which shares are taken
+REACH = 0.03  # of the sweep: distance on either side of a change that is evaluated
 SEARCH = 0.25  # of the sweep: distance from the published value that is searched
 LEAST_STRETCH = 0.02  # of the sweep: shorter stretches are not part of a route
 
@@ -47,7 +47,7 @@ class Cut:
     Attributes:
         at: middle between the two neighbouring values of the sweep.
         low, high: these two values.
-        share_before: share of the values with motion ``before`` within 3 % of the sweep below
+        share_before: fraction of the values with motion ``before``, within 3 % of the sweep below
             ``at``.
         share_after: the same of ``after`` above it.
         clean: whether ``low`` has motion ``before`` and ``high`` has ``after``, so that bisection
@@ -63,7 +63,7 @@ class Cut:
 
 
 def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Indices:
-    """(n,) period of each value of a batch, 0 aperiodic, -1 failed.
+    """(n,) period in mesh cycles of each run of a batch; 0 aperiodic or undetermined, -1 failed.
 
     The section points of all states, in units of b_c and b_c omega_n, must gather around as many
     centres as there are cycles in the period, to ``tolerance`` RMS and without drifting apart.
@@ -79,17 +79,18 @@ def _motion(points: Array, tolerance: float) -> int:
 
 
 def share(sweep: Sweep, low: float, high: float, motion: int) -> float:
-    """Share of the values between low and high that have a motion; NaN when there are none."""
+    """Fraction of the values from low to high that have a motion; NaN if there are no values."""
     inside = (sweep.values >= low) & (sweep.values <= high)
     return float(np.mean(sweep.motions[inside] == motion)) if inside.any() else float("nan")
 
 
 def find_cut(sweep: Sweep, before: int, after: int, near: float) -> Cut | None:
-    """The change from motion ``before`` to ``after`` that is cleanest and nearest to a value.
+    """Find the change from motion ``before`` to ``after`` that is cleanest and nearest to a value.
 
-    Of all values where the motion changes, the one with the largest product of three numbers: the
-    shares of ``before`` and ``after`` within 3 % of the sweep on either side, and a closeness that
-    falls from 1 at ``near`` to 0 at a quarter of the sweep from it. None if all products are 0.
+    Of all values where the motion changes, the value with the largest product of three numbers:
+    the fractions with ``before`` and ``after`` within 3 % of the sweep on either side, and a
+    closeness that falls from 1 at ``near`` to 0 at a quarter of the sweep from it. None if all
+    products are 0.
     """
     v, m = sweep.values, sweep.motions
     span = float(v[-1] - v[0])
@@ -119,20 +120,20 @@ def _cut(sweep: Sweep, i: int, before: int, after: int, reach: float) -> Cut:
 
 
 def stretches(sweep: Sweep) -> list[tuple[float, float, int]]:
-    """Stretches of the sweep with one motion: first value, last value, motion."""
+    """Stretches of a sweep with equal motion: first value, last value, motion."""
     v, m = sweep.values, sweep.motions
     edges = [0, *(np.flatnonzero(m[1:] != m[:-1]) + 1), len(m)]
     return [(float(v[a]), float(v[b - 1]), int(m[a])) for a, b in pairwise(edges)]
 
 
 def nearest_stretch(sweep: Sweep, motion: int, near: float) -> tuple[float, float] | None:
-    """First and last value of the stretch with a motion that is nearest to a value, or None."""
+    """First and last value of the stretch of a motion that is nearest to a value, or None."""
     own = [(low, high) for low, high, kind in stretches(sweep) if kind == motion]
     return min(own, key=lambda s: max(s[0] - near, near - s[1], 0.0), default=None)
 
 
 def route(sweep: Sweep) -> tuple[int, ...]:
-    """Motions along the sweep in order, without stretches shorter than 2 % of it."""
+    """Motions along a sweep in order, without stretches shorter than 2 % of it or repeats."""
     span = float(sweep.values[-1] - sweep.values[0])
     step = span / max(len(sweep.values) - 1, 1)
     long = [m for low, high, m in stretches(sweep) if high - low + step >= LEAST_STRETCH * span]
@@ -140,7 +141,7 @@ def route(sweep: Sweep) -> tuple[int, ...]:
 
 
 def shares_text(sweep: Sweep, low: float, high: float) -> str:
-    """Shares of the four commonest motions between two values, as ``P2 60%, chaos 40%``."""
+    """Fractions of the four commonest motions between two values, as ``P2 60%, chaos 40%``."""
     inside = sweep.motions[(sweep.values >= low) & (sweep.values <= high)]
     kinds, counts = np.unique(inside, return_counts=True)
     order = np.argsort(-counts, kind="stable")[:4]

@@ -1,4 +1,4 @@
-"""The whole reproduction: sweeps, boundaries, single motions, dependence on start and step."""
+"""Reproduction of the paper: sweeps, boundaries, single motions, other starts and steps."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from herringbone_sim.paper.statements import (
 POINT_SETTLE, POINT_CYCLES = 1000, 2000
 SMALL, LARGE = 0.01, 0.3  # b_c, standard deviations of random starts
 RK4_STEPS = (50, 100, 200, 800)
-STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25  # of the values of a sweep, with fixed steps
+STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25  # of the values of a sweep, with RK4; with its 800 steps
 
 
 @dataclass(frozen=True)
 class Checked:
-    """A published statement and what was obtained."""
+    """A published statement and the result of its check."""
 
     statement: Statement
     obtained: Obtained
@@ -51,8 +51,8 @@ class Point:
         parameters: of the gear.
         sections: (cycles, n_state) states at phase 0.
         end: (n_state,) state at phase 0 after them.
-        motion: period in mesh cycles, 0 = aperiodic.
-        exponent: largest, per tau.
+        motion: period in mesh cycles, 0 = aperiodic, -1 = failed.
+        exponent: largest Lyapunov exponent per tau.
         effects: of the gear.
     """
 
@@ -93,12 +93,12 @@ def scenarios_of(keys: str) -> tuple[Scenario, ...]:
 def sweeps(
     runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading, n: int
 ) -> dict[str, Sweep]:
-    """Sweep of each scenario from the initial state, by letter: n values, with exponents."""
+    """Sweep each scenario with n values from the initial state, with exponents; by letter."""
     return {s.key: sweep(runner, s, reading, n, exponents=True) for s in scenarios}
 
 
 def points(runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading) -> list[Point]:
-    """The motions of the four-panel figures."""
+    """Compute the motions of the four-panel figures of the scenarios, with exponents."""
     keys = "".join(s.key for s in scenarios)
     figures = [s for s in statements(keys) if isinstance(s, MotionAt)]
     if not figures:
@@ -122,7 +122,7 @@ def evidence(
     sweep: Sweep,
     points: Sequence[Point],
 ) -> Evidence:
-    """Results that the statements of a scenario are compared with; bisects its boundaries."""
+    """Collect what the statements of a scenario are checked with; bisects its boundaries."""
     return Evidence(
         sweep,
         {b: bisect(runner, scenario, reading, sweep, b) for b in boundaries(scenario)},
@@ -135,12 +135,12 @@ def evidence(
 
 
 def checked(evidence: Mapping[str, Evidence]) -> list[Checked]:
-    """All statements of the scenarios with their checks, in the order of the paper."""
+    """Check all statements of the scenarios, in the order of the paper."""
     return [Checked(s, check(s, evidence[s.scenario])) for s in statements("".join(evidence))]
 
 
 def ways(reading: Reading) -> tuple[Way, ...]:
-    """Other starts and steps than the initial state with the Taylor series.
+    """Starts and step sizes to compare with the initial state and the Taylor series.
 
     Starts add random displacements to the initial state, with left = right (``symmetric``) or not,
     named by their standard deviation in b_c. Steps are those of RK4, 50 to 800 per cycle.
@@ -171,25 +171,25 @@ def compared_runs(n: int) -> int:
 
 
 def bisected_runs(scenario: Scenario) -> int:
-    """Largest number of runs that its boundaries take."""
+    """Number of runs to bisect all boundaries of a scenario, if no interval must be moved."""
     return (len(scenario.windows) - 1) * (ROUNDS * INNER + 2)
 
 
 def point_runs(scenarios: Sequence[Scenario]) -> int:
-    """Number of four-panel figures of some scenarios."""
+    """Number of runs for the four-panel figures of some scenarios."""
     keys = "".join(s.key for s in scenarios)
     return sum(isinstance(s, MotionAt) for s in statements(keys))
 
 
 def _asymmetric(n: int, size: float, seed: int) -> Array:
-    """State (n,) with random displacements."""
+    """State (n,) with random displacements of standard deviation ``size``, at rest."""
     start = np.zeros(n)
     start[: n // 2] = size * np.random.default_rng(seed).normal(size=n // 2)
     return start
 
 
 def _symmetric(n: int, size: float, seed: int) -> Array:
-    """State (n,) with random displacements, q_L = q_R and r_pL = r_pR."""
+    """State (n,) as ``_asymmetric``, but with q_L = q_R and r_pL = r_pR."""
     start = np.zeros(n)
     side = (n // 2 - 2) // 2
     q, *r = size * np.random.default_rng(seed).normal(size=1 + side)
@@ -204,18 +204,18 @@ def compared(
     n: int,
     zero: Mapping[str, Sweep],
 ) -> dict[str, dict[str, Sweep]]:
-    """Sweeps of each scenario from other starts and with other step sizes, and the given ones.
+    """Sweep each scenario from other starts and with other step sizes.
 
     Args:
-        runner: runs the batches.
-        scenarios: those to sweep.
+        runner: integrates the batches.
+        scenarios: scenarios to sweep.
         reading: parameters that the paper leaves open.
         n: number of values of a sweep; for a way of ``ways`` times its ``share``, but at least 2.
         zero: sweep from the initial state of each scenario, by its letter.
 
     Returns:
         By letter, then by name: ``zero start`` (the given sweep), ``continued upwards`` and
-        ``continued downwards`` (each value from the final state of the one before), then the
+        ``continued downwards`` (each value from the final state of the value before), then the
         ``ways`` by name.
     """
     rows: dict[str, dict[str, Sweep]] = {s.key: {"zero start": zero[s.key]} for s in scenarios}
@@ -231,7 +231,7 @@ def compared(
 
 
 def compared_boundaries(rows: Mapping[str, Mapping[str, Sweep]]) -> list[Compared]:
-    """Every published boundary as read off the sweep of every way."""
+    """Locate every published boundary in every sweep of ``compared``."""
     return [
         Compared(way, statement, locate(row, statement))
         for key, by_way in rows.items()

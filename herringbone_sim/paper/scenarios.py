@@ -19,7 +19,7 @@ SECTION_4_XI = 0.0875
 
 @dataclass(frozen=True)
 class Window:
-    """Motion over part of a sweep: period in mesh cycles, 0 for chaos.
+    """Published motion over part of a sweep: period in mesh cycles, 0 for chaos.
 
     ``implied``: not stated by the paper, but it follows from its statements.
     """
@@ -36,12 +36,12 @@ class Scenario:
 
     Attributes:
         key: ``A`` to ``E``.
-        title: what is swept.
+        title: the swept parameter in words.
         figure: number in the paper, as ``Fig. 5``.
         parameter: swept parameter.
-        low, high: ends of the sweep; those of K and of the controlled sweeps are not printed.
+        low, high: ends of the sweep; the paper does not print those of scenarios C, D and E.
         fixed: parameters that differ from Sec. 3.
-        says: what the paper says of it, shortened.
+        says: statements of the paper about it, shortened.
         windows: published motions, in order; where two printed numbers disagree there is a gap.
         controlled: whether it belongs to section 4, whose xi is open.
         has_exponents: whether the paper shows the largest exponent over it.
@@ -64,11 +64,17 @@ class Scenario:
         return self.high - self.low
 
     def values(self, n: int) -> Array:
-        """(n,) values at even distances, ends included."""
+        """(n,) evenly spaced values of the swept parameter, ends included."""
         return np.linspace(self.low, self.high, n)
 
     def parameters(self, reading: Parameters, value: float, xi: float) -> Parameters:
-        """The set at one value of the sweep; ``xi`` is that of section 4."""
+        """Parameters at one value of the sweep.
+
+        Args:
+            reading: parameters of section 3.
+            value: of the swept parameter.
+            xi: damping ratio of section 4, used if the scenario is ``controlled``.
+        """
         of_section = {"xi": xi} if self.controlled else {}
         changes = {**self.fixed, **of_section, self.parameter: float(value)}
         return reading.changed({**changes, "samples_per_cycle": 1})
@@ -158,7 +164,7 @@ SCENARIOS = (
 
 
 def scenario(key: str) -> Scenario:
-    """The scenario with a letter; AnalysisError if there is none."""
+    """Return the scenario with a letter; AnalysisError if there is none."""
     for candidate in SCENARIOS:
         if candidate.key == key.upper():
             return candidate
@@ -168,5 +174,5 @@ def scenario(key: str) -> Scenario:
 
 
 def motion_name(motion: int) -> str:
-    """Name of a motion: ``chaos``, ``P3`` or ``failed``."""
+    """Name of a motion: ``chaos`` (0), ``failed`` (-1) or, by its period, ``P3``."""
     return {CHAOS: "chaos", FAILED: "failed"}.get(motion, f"P{motion}")

@@ -22,12 +22,12 @@ SETTLE, STAY = 600, 120
 
 @dataclass(frozen=True)
 class Reading:
-    """Values for the parameters that the paper leaves open.
+    """Values chosen for the parameters that the paper leaves open.
 
     Attributes:
-        parameters: those of section 3, as in ``config/paper.yaml``.
+        parameters: of section 3, as in ``config/paper.yaml``.
         xi: damping ratio of section 4; 0.10 is printed.
-        effects: of the gear; the paper's has none.
+        effects: of the gear; the paper's gear has none.
     """
 
     parameters: Parameters
@@ -40,10 +40,10 @@ class Way:
     """Start and step size of a sweep that is compared with others.
 
     Attributes:
-        name: shown to the reader.
+        name: name in tables and figures.
         changes: parameters that differ from the reading's (method, steps, ...).
         start: (n_state,) state at phase 0 from which every value starts; None for the initial one.
-        share: factor on the number of values, below 1 for slow ways.
+        share: factor on the number of values, below 1 for a way that is slow to compute.
     """
 
     name: str
@@ -60,13 +60,15 @@ def request(
     exponents: bool = False,
     cycles: int = 0,
 ) -> Request:
-    """Runs at some values of the swept parameter.
+    """Request the runs at some values of the swept parameter.
 
     Args:
+        scenario: sweep of the paper.
+        reading: parameters that the paper leaves open.
         values: of the swept parameter.
         way: start and step; None for the initial state and the Taylor series.
         exponents: whether to compute Lyapunov exponents.
-        cycles: observed at each value; 0 for the default of ``Request``.
+        cycles: mesh cycles observed at each value; 0 for the default of ``Request``.
     """
     way = way or Way("")
     base = reading.parameters.changed(way.changes)
@@ -77,7 +79,7 @@ def request(
 
 
 def sweep_from_batch(values: Array, batch: Batch, runs: Request) -> Sweep:
-    """Sweep of the values (n,) from the batch of their runs."""
+    """Motions over the values (n,) of a sweep, from the batch of the requested runs."""
     model = build(runs.sets[0])
     errors = relative(model, np.zeros(model.layout.n_state), 0.0)[0]
     x = batch.sections[:, :, 0] - batch.sections[:, :, 2] + errors[0]
@@ -95,7 +97,7 @@ def sweep(
     way: Way | None = None,
     exponents: bool = False,
 ) -> Sweep:
-    """Sweep of n values of a scenario, each from the same start."""
+    """Sweep n values of a scenario, each from the same start, see ``request``."""
     values = scenario.values(n)
     runs = request(scenario, reading, values, way, exponents, cycles=200 if exponents else 0)
     return sweep_from_batch(values, runner.batch(runs), runs)
@@ -104,11 +106,15 @@ def sweep(
 def continuations(
     runner: BatchRunner, scenarios: Sequence[Scenario], reading: Reading, n: int, direction: int
 ) -> list[Sweep]:
-    """Sweeps of n values of each scenario, each value from the final state of its neighbour.
+    """Sweep n values of each scenario, each value from the final state of its neighbour.
 
     The scenarios advance side by side, one batch per step.
 
     Args:
+        runner: integrates the batches.
+        scenarios: of one layout.
+        reading: parameters that the paper leaves open.
+        n: number of values.
         direction: +1 for rising, -1 for falling values.
     """
     grids = np.array([s.values(n)[::direction] for s in scenarios])

@@ -1,6 +1,7 @@
-"""Every statement that the paper's sections 3 and 4 make about a motion, as data.
+"""Every statement of the paper's sections 3 and 4 about a motion, as data.
 
-A statement holds what is published; ``checks.check`` compares it with what is obtained.
+A statement holds what is published; ``checks.check`` compares it with the computed motion. Each
+has the letter of its ``scenario``, a ``text``, and its ``published`` result as a short text.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from herringbone_sim.paper.scenarios import CHAOS, SCENARIOS, Scenario, motion_n
 
 @dataclass(frozen=True)
 class WindowIs:
-    """One motion over a window of the sweep."""
+    """One motion (period, 0 for chaos) from ``low`` to ``high`` of the swept parameter."""
 
     scenario: str
     text: str
@@ -45,7 +46,7 @@ class BoundaryAt:
 
 @dataclass(frozen=True)
 class ExponentSign:
-    """The largest exponent has one sign over a window: +1 or -1."""
+    """The largest exponent has one sign (+1 or -1) from ``low`` to ``high`` of the sweep."""
 
     scenario: str
     text: str
@@ -60,7 +61,7 @@ class ExponentSign:
 
 @dataclass(frozen=True)
 class ChaosEnds:
-    """No chaos above a value of the sweep, up to ``high``."""
+    """There is no chaos from ``low`` to ``high`` of the swept parameter."""
 
     scenario: str
     text: str
@@ -74,7 +75,7 @@ class ChaosEnds:
 
 @dataclass(frozen=True)
 class MotionAt:
-    """The motion of one four-panel figure."""
+    """The motion in one four-panel figure of the paper, at one value of the swept parameter."""
 
     scenario: str
     text: str
@@ -89,7 +90,7 @@ class MotionAt:
 
 @dataclass(frozen=True)
 class Route:
-    """The order of the motions along the sweep, as in the conclusions of the paper."""
+    """The order of all motions along the sweep, as in the conclusions of the paper."""
 
     scenario: str
     text: str
@@ -125,7 +126,7 @@ ENDS = (
 
 
 def statements(keys: str = "ABCDE") -> tuple[Statement, ...]:
-    """All statements of some scenarios, in the order of the paper."""
+    """All statements about the scenarios with these letters, in the order of the paper."""
     chosen = [s for s in SCENARIOS if s.key in keys.upper()]
     return tuple(statement for scenario in chosen for statement in _of(scenario))
 
@@ -156,7 +157,7 @@ def _windows(scenario: Scenario) -> Iterator[WindowIs]:
 
 
 def boundaries(scenario: Scenario) -> Iterator[BoundaryAt]:
-    """The boundaries between the windows of a scenario, in order."""
+    """Yield the boundaries between the published windows of a scenario, in order."""
     for left, right in pairwise(scenario.windows):
         text = (
             f"{motion_name(left.motion)} to {motion_name(right.motion)} along {scenario.parameter}"

@@ -1,5 +1,6 @@
-"""Simulated practice campaigns with known causes, and the score of diagnoses made of them.
+"""Simulate practice campaigns with known causes, and score diagnoses of them.
 
-Shares no integrator and no effect law with the diagnosis: laws are drawn from families of curves
-and noise from all kinds of sensors, so that a diagnosis that only knows its own models is exposed.
+The package shares no integrator and no effect law with the diagnosis: laws are drawn from families
+of curves and noise from models of many kinds of sensors. A diagnosis that only fits its own models
+therefore scores badly.
 """

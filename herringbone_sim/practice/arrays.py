@@ -11,8 +11,9 @@ from herringbone_sim.recording.reader import Recording
 
 
 def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
-    """Prepared campaign with the recordings only, as ``prepared.prepare`` would load it; no
-    label.
+    """Convert a practice campaign to the input of the diagnosis, without its label.
+
+    The result equals what ``gap.data.prepare.prepare`` reads from the same campaign on disk.
     """
     nominal = Parameters(model="full", samples_per_cycle=made.label["samples_per_cycle"])
     campaign = made.campaign

@@ -1,8 +1,8 @@
 """Simple baselines that report in the schema of the diagnosis.
 
-``always_none`` and ``largest_residual`` look at the recordings. ``rivals`` have the evidence of
-the diagnosis: recalibration, in-sample BIC, sparse regression. None of these leaves runs out or
-says ``unknown`` by itself, as they are mostly used; all three know the tolerances.
+``always_none`` and ``largest_residual`` use the recordings. The baselines of ``rivals``
+(recalibration alone, in-sample BIC, sparse regression) use the evidence of the diagnosis, whose
+fits include the tolerances.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from herringbone_sim.practice.rig_model import MESHES, NOMINAL
 from herringbone_sim.recording.campaign import Campaign
 
 SCHEMA = "herringbone_sim/gap-report/1"
-NOTABLE = 1.3  # residual over the median of its kind from which a single mesh is blamed
+NOTABLE = 1.3  # relative residual over the median of its kind from which one mesh is blamed
 LOUD = 6.0  # relative residual over the noise share from which a mesh kind is blamed
 HEALTHY = 1.1  # chi2 per value below which recalibration alone is accepted
-SPARSE = 0.1  # smallest reduction of the squared residual for a term to be selected
+SPARSE = 0.1  # smallest relative reduction of the loss for an effect to be selected
 Report = dict[str, Any]
 
 
 def always_none(campaign: Campaign) -> Report:
-    """Report with the verdict ``none``."""
+    """Return a report with the verdict ``none``."""
     return _report(campaign.rig, ("none",))
 
 
@@ -73,7 +73,10 @@ def _relative_residuals(series: TimeSeries, point: Mapping[str, float]) -> list[
 
 
 def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
-    """Reports by the name of the baseline."""
+    """Return the reports of the baselines that use the evidence, by name.
+
+    Without evidence (None) all of them report ``none``.
+    """
     if evidence is None:
         names = ("recalibration alone", "in-sample BIC", "sparse regression")
         return {name: _report(rig, ("none",)) for name in names}
@@ -85,13 +88,13 @@ def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
 
 
 def recalibration_alone(evidence: Evidence) -> tuple[str, ...]:
-    """``none`` if the gear with its tolerances fits to the noise, else ``unknown``."""
+    """Return ``none`` if the gear fits to the noise by its tolerances alone, else ``unknown``."""
     none = evidence.candidates[0]
     return ("none",) if none.in_sample / evidence.count < HEALTHY else ("unknown",)
 
 
 def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
-    """Effects of the candidate with the smallest chi2 + p ln n on the runs it was fitted to."""
+    """Return the effects with the smallest in-sample BIC, chi2 + p ln n, or ``none``."""
 
     def bic(c: Candidate) -> float:
         return float(c.in_sample + c.size * np.log(evidence.count))
@@ -100,7 +103,11 @@ def in_sample_bic(evidence: Evidence) -> tuple[str, ...]:
 
 
 def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
-    """The effect whose linear terms reduce the squared residual most, if by a tenth or more."""
+    """Return the effect with the smallest loss in the linear screen of single effects.
+
+    Returns ``none`` if that is not at least a tenth below the loss without effects. A loss is a
+    prediction error of left-out runs, see ``Score.loss``.
+    """
     none = evidence.candidates[0]
     if not evidence.screened:
         return ("none",)
@@ -110,7 +117,7 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _report(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:
-    """Gap report with equal probabilities on the effects."""
+    """Return a gap report with equal probabilities of effects; the first one is the verdict."""
     causes = [
         {"effect": name, "locus": locus or {}, "probability": 1.0 / len(effects), "parameters": {}}
         for name in effects

@@ -1,8 +1,8 @@
-"""Bench of withheld effects: seal the labels, then diagnose the campaigns, then score.
+"""Run a bench of withheld effects: seal all labels, then diagnose the campaigns.
 
-A folder contains ``bench.json`` (settings), ``seals.json``, ``labels/``, and ``reports/NAME/``
-with ``report.json``, ``baselines.json``, ``evidence.json`` and ``case.json``. Existing files are
-kept, so an interrupted bench continues.
+A folder contains ``bench.json`` (settings), ``seals.json``, ``left_out.json``, ``labels/``, and
+``reports/NAME/`` with ``report.json``, ``baselines.json``, ``evidence.json`` and ``case.json``.
+Existing files are not computed again, so an interrupted bench continues.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Say = Callable[[str], None]
 
 
 def name_of(seed: int) -> str:
-    """Name of the campaign of a seed."""
+    """Return the name of the campaign of a seed, such as ``practice_000104``."""
     return f"practice_{seed:06d}"
 
 
@@ -49,12 +49,15 @@ def run_bench(
     """Seal the labels of all seeds, then diagnose the campaigns that have no report.
 
     Args:
+        folder: of the bench; created, or continued if it has the same setting.
+        seed_overlap: recorded in ``bench.json``.
         resources: processes on this machine, or a Dask cluster.
-        again: repeat diagnoses whose report came from other sources of the diagnosis.
+        again: repeat diagnoses whose report was made by other source code of the diagnosis.
+        say: called with each message to the user.
 
     Raises:
         AnalysisError: a folder with another setting, or no scheduler.
-        RecordingError: a label that was changed after it was sealed.
+        RecordingError: a label changed after it was sealed, or a campaign is not reproducible.
     """
     make_folder(folder)
     _note(folder, seeds, setting, seed_overlap)
@@ -70,7 +73,7 @@ def run_bench(
         look = {"total": len(wanted), "initial": len(wanted) - len(todo), "desc": "diagnose"}
         for task, files in _with_bar(executor, diagnose_case, tasks, cores, look):
             place = make_folder(folder / "reports" / name_of(task[0]))
-            for name, text in files.items():  # the report comes last: with it a case is done
+            for name, text in files.items():  # the report comes last, as it marks a case as done
                 _write(place / name, text)
 
 
@@ -82,7 +85,10 @@ def seal_labels(
     cores: int,
     say: Say = print,
 ) -> None:
-    """Make every missing label, and write all seals before anything is diagnosed."""
+    """Write every missing label, and all seals to ``seals.json``, before anything is diagnosed.
+
+    Seeds whose rig diverges are listed with the reason in ``left_out.json``.
+    """
     make_folder(folder / "labels")
     left = read_json(folder / "left_out.json")
     todo = [
@@ -110,12 +116,12 @@ def seal_labels(
 
 
 def read_seals(folder: Path) -> dict[str, str]:
-    """Seal (SHA-256) of each label by name; empty before any was sealed."""
+    """Return the seal (SHA-256) of each label by campaign name; empty before any was sealed."""
     return {str(name): str(value) for name, value in read_json(folder / "seals.json").items()}
 
 
 def read_json(file: Path) -> dict[str, Any]:
-    """Content of a JSON file, empty if it does not exist; AnalysisError if it is invalid."""
+    """Return the content of a JSON file, empty if there is none; AnalysisError if unreadable."""
     try:
         return safe_json.read_json(file)
     except FileNotFoundError:
@@ -125,7 +131,7 @@ def read_json(file: Path) -> dict[str, Any]:
 
 
 def finished(folder: Path) -> dict[str, str]:
-    """Seals of the campaigns that have a report, by name."""
+    """Return the seals of the campaigns that have a report, by campaign name."""
     return {
         name: sealed
         for name, sealed in read_seals(folder).items()
@@ -134,10 +140,10 @@ def finished(folder: Path) -> dict[str, str]:
 
 
 def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: SeedOverlap) -> None:
-    """Write ``bench.json``; the setting of a folder is fixed, its seeds may grow."""
+    """Write ``bench.json`` with seeds added to earlier ones; AnalysisError for another setting."""
     before = read_json(folder / "bench.json")
     asked = json.loads(json.dumps(asdict(setting)))
-    # Lists that were added later had one value before, their default.
+    # Options that a stored setting lacks did not exist then; their default is what was drawn.
     stored = before.get("setting")
     if isinstance(stored, dict):
         stored = {**json.loads(json.dumps(asdict(Setting()))), **stored}
@@ -166,7 +172,7 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: Se
 
 
 def _done(folder: Path, name: str, again: bool) -> bool:
-    """Whether a campaign has a report, with ``again`` one from the present sources."""
+    """Return whether a campaign has a report; if ``again``, one by the present source code."""
     place = folder / "reports" / name
     if not (place / "report.json").is_file():
         return False
@@ -193,7 +199,7 @@ def _with_bar(
     cores: int,
     look: Mapping[str, Any],
 ) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Yield tasks with their results as they complete, with a progress bar on a terminal."""
+    """Run ``work`` on tasks; yield each with its result as it completes, with a progress bar."""
     with tqdm(unit="campaign", disable=None, smoothing=0.05, **look) as bar:
         for done in completed(lambda task: executor.submit(work, *task), deque(tasks), cores):
             yield done

@@ -1,9 +1,9 @@
-"""Fit the weights of the judge on practice campaigns, from evidence that is stored for refits.
+"""Fit the weights of the judge to stored evidence of practice campaigns.
 
-The weights maximise the penalised likelihood; the penalty is the one with the best predictions of
-left-out campaigns in five-fold cross-validation. Figures are of campaigns that neither weights nor
-penalty have seen, and means over several ways to draw the folds, which alone move a calibration
-error by 0.01.
+The weights maximise the penalised likelihood; the penalty is the one that predicts left-out
+campaigns best in five-fold cross-validation. Figures are of campaigns that neither weights nor
+penalty were fitted to, averaged over several random divisions into folds: the division alone
+moves a calibration error by 0.01.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ from herringbone_sim.practice.case_evidence import CaseEvidence
 from herringbone_sim.practice.intervals import calibration_error
 
 FOLDS = 5
-DRAWS = 4  # of the folds, for the figures
-COVERAGE = 0.9  # wanted share of the sizes inside their 90 % intervals
+DRAWS = 4  # random divisions into folds that the figures are averaged over
+COVERAGE = 0.9  # wanted fraction of the true sizes inside their 90 % intervals
 PENALTIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-SERIES = 5_000  # seeds farther apart are of two series; those between them were not used
+SERIES = 5_000  # a larger gap between seeds separates two ranges of ``_ranges``
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Fitted weights, the penalty, and figures of cross-validation.
+    """Fitted weights, penalties, model error of sizes, and figures of cross-validation.
 
     Attributes:
-        weights: (n,) by ``judge.NAMES``, for each of ``judge.LOSSES`` that campaigns have; those
-            of the density, of which there are fewer, have a prior about those of the squares.
-        penalties: chosen from ``PENALTIES``, alike.
-        figures: by stratum, from campaigns left out of the fit.
+        weights: (n,) in the order of ``judge.NAMES``, for each of ``judge.LOSSES`` with enough
+            campaigns. The prior for ``density`` is centred at the weights for ``squares``.
+        penalties: precision of that prior for each loss, chosen from ``PENALTIES``.
+        figures: by stratum, see ``by_stratum``.
         relative: standard deviation of the model error of a size, relative to the size.
-        covered: share of the true sizes inside their 90 % intervals, from left-out campaigns.
+        covered: fraction of the true sizes inside their 90 % intervals in cross-validation; NaN
+            without sizes.
     """
 
     weights: dict[str, Array]
@@ -51,10 +52,12 @@ class Calibration:
 
 
 def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
-    """Fit weights, penalty and model error of the sizes.
+    """Fit the weights and penalty for each loss, and the model error of the sizes.
+
+    With too few campaigns judged by density, these are judged by the weights for squares.
 
     Raises:
-        AnalysisError: too few campaigns with one of the losses for the folds.
+        AnalysisError: fewer than ``2 * FOLDS`` campaigns with the first loss that has any.
     """
     weights: dict[str, Array] = {}
     penalties: dict[str, float] = {}
@@ -100,27 +103,27 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
 
 
 def by_loss(campaigns: Sequence[CaseEvidence]) -> dict[str, Indices]:
-    """Which campaigns are judged by each of ``judge.LOSSES``; losses of none are left out."""
+    """Return the indices of the campaigns judged by each loss of ``judge.LOSSES`` that has any."""
     density = np.array([c.evidence.by_density for c in campaigns], dtype=bool)
     every = {loss: np.flatnonzero(density == on) for on, loss in enumerate(judge.LOSSES)}
     return {loss: at for loss, at in every.items() if len(at)}
 
 
 def counted(campaigns: Sequence[CaseEvidence]) -> Flags:
-    """Which campaigns (n,) count in figures.
+    """Return a mask (n,) of the campaigns that enter the figures.
 
-    Those that are judged by squares, with channels that are judged by density now, do not: they
-    only teach weights.
+    Excluded are campaigns judged by squares whose channel set is judged by density in others: the
+    diagnosis no longer judges it by squares. They only serve to fit weights.
     """
     now = {c.stratum[2] for c in campaigns if c.evidence.by_density}
     return np.array([c.evidence.by_density or c.stratum[2] not in now for c in campaigns])
 
 
 def model_error(sizes: Array) -> float:
-    """Relative model error of a size that makes 90 % of the 90 % intervals hold the truth.
+    """Return the relative model error, 0 to 1, with which 90 % of 90 % intervals hold the truth.
 
     Args:
-        sizes: (n, 3) error, standard deviation and size.
+        sizes: (n, 3) error, standard deviation and true size, see ``CaseEvidence.sizes``.
     """
 
     def uncovered(relative: float) -> float:
@@ -134,7 +137,7 @@ def model_error(sizes: Array) -> float:
 
 
 def _misses(sizes: Array, relative: float) -> Array:
-    """Errors (n,) divided by half of the 90 % interval."""
+    """Return |error| over half of the 90 % interval (n,), which includes the model error."""
     error, sd, size = sizes.T
     half = judge.HALF_90 * np.hypot(sd, relative * size)
     miss = np.where(error == 0.0, 0.0, np.inf)
@@ -144,17 +147,17 @@ def _misses(sizes: Array, relative: float) -> Array:
 def by_stratum(
     campaigns: Sequence[CaseEvidence], draws: Sequence[Array]
 ) -> dict[str, dict[str, float]]:
-    """Figures of ``headline`` for groups of the campaigns that count, see ``counted``.
+    """Return the figures of ``headline`` for groups of the campaigns that ``counted`` selects.
 
     Args:
         campaigns: n campaigns.
-        draws: for each way to draw the folds, the rows (n, 4) of ``judged``.
+        draws: for each division into folds, the rows (n, 4) of ``judged``.
 
     Returns:
-        By name of the group, figures as means over the draws. Groups are all campaigns, those with
-        noise told or not, those without a cause, with one outside the catalogue or with effects,
-        those judged by density (``few sensors``), and those of each set of channels; groups
-        without campaigns are left out.
+        Figures averaged over the divisions, by name of the group: all campaigns, those whose
+        noise is given or not, those without a cause, with an outside cause or with effects of the
+        catalogue, those judged by density (``few sensors``), and those of each channel set.
+        Groups without campaigns are omitted.
     """
     current = counted(campaigns)
     campaigns = [c for c, on in zip(campaigns, current.tolist(), strict=True) if on]
@@ -184,7 +187,7 @@ def by_stratum(
 def best_penalty(
     labelled: Sequence[judge.LabelledCampaign], prior_mean: Array | None = None
 ) -> float:
-    """The one of ``PENALTIES`` with the best predictions of left-out campaigns."""
+    """Return the one of ``PENALTIES`` with the smallest log loss on left-out campaigns."""
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
     for f in range(FOLDS):
@@ -200,7 +203,7 @@ def best_penalty(
 
 
 def folds(n: int, draw: int = 0) -> Indices:
-    """(n,) fold of each of n campaigns; ``draw`` is the seed."""
+    """Return the random fold (n,), 0 to ``FOLDS`` - 1, of each campaign; ``draw`` is the seed."""
     return np.random.default_rng(draw).permutation(n) % FOLDS
 
 
@@ -210,12 +213,12 @@ def left_out(
     draw: int = 0,
     prior_mean: Array | None = None,
 ) -> Array:
-    """(n, 4) rows of ``judged``: each campaign by weights and a penalty of the other folds.
+    """Return rows (n, 4) of ``judged``: each campaign by weights fitted to the other folds.
 
     Args:
-        labelled: numbers and truths of the campaigns.
-        draw: of the folds.
-        prior_mean: of the weights; None: zero.
+        labelled: the same campaigns as the fit of weights takes them.
+        draw: seed of the division into folds.
+        prior_mean: mean of the prior of the weights; None: zero.
     """
     fold = folds(len(campaigns), draw)
     found = np.zeros((len(campaigns), 4))
@@ -228,14 +231,16 @@ def left_out(
 
 
 def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, float, float, float]:
-    """Probability on the truth, of the first explanation, whether that is right, and what is true.
-
-    The first is the most probable one that names all there is; that is also what counts as on the
-    truth. True is besides, of a pair of which one effect was tried, that effect with something
-    unknown beside it.
+    """Judge a campaign and compare the probabilities with the truth.
 
     Args:
         weights: None: those of the package.
+
+    Returns:
+        Probability of the true set of effects; probability of the most probable set; 1 if both
+        are the same set, else 0; probability of the explanations that are true by
+        ``judge.are_true``. The first three ignore explanations with something unknown beside an
+        effect; the last counts them if the truth is a pair that was not tried.
     """
     told = judge.chances(case.evidence, weights)
     truth = tuple(sorted(case.truth))
@@ -250,10 +255,10 @@ def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, flo
 
 
 def headline(chances: Array) -> dict[str, float]:
-    """Figures of campaigns from their ``judged`` rows (n, 4).
+    """Return figures of campaigns, by name, from their ``judged`` rows (n, 4).
 
-    Where the first is more probable than it is right, probabilities are too high. The log loss is
-    of what is true; where nothing that was tried is, a probability of 1e-6 is taken.
+    Probabilities are too high where ``probability of the first`` exceeds ``right first``. The log
+    loss is that of true explanations, with probabilities of at least 1e-6.
     """
     return {
         "log loss": -float(np.mean(np.log(np.maximum(chances[:, 3], 1e-6)))),
@@ -266,7 +271,7 @@ def headline(chances: Array) -> dict[str, float]:
 
 
 def _ranges(seeds: Sequence[int]) -> list[list[int]]:
-    """Ranges [first, last + 1) of seeds; those of one series lie closer than ``SERIES``."""
+    """Return ranges [first, last + 1) of seeds, separated by gaps larger than ``SERIES``."""
     each = np.unique(seeds)
     parts = np.split(each, np.flatnonzero(np.diff(each) > SERIES) + 1)
     return [[int(part[0]), int(part[-1]) + 1] for part in parts]
@@ -275,7 +280,7 @@ def _ranges(seeds: Sequence[int]) -> list[list[int]]:
 def write_weights(
     path: Path, calibration: Calibration, campaigns: Sequence[CaseEvidence], sources: str
 ) -> None:
-    """Write the weights file of the judge: weights, seeds, sources and achieved figures."""
+    """Write the weights file of the judge: weights, seeds, digest of the sources and figures."""
     content = {
         "weights": {
             loss: dict(zip(judge.NAMES, map(float, w), strict=True))

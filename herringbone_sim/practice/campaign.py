@@ -19,13 +19,13 @@ from herringbone_sim.recording.campaign import Campaign, CampaignRun
 
 @dataclass(frozen=True)
 class PracticeCampaign:
-    """A campaign in memory.
+    """A practice campaign in memory.
 
     Attributes:
         campaign: as ``recording.campaign.read_campaign`` returns it; paths are bare names.
-        series: recording of each run, in its order.
+        series: recording of each run, in the order of ``campaign.runs``.
         label: the truth; only the scoring reads it.
-        sensors: data of single channels that ``campaign.yaml`` gives.
+        sensors: sensor data that ``campaign.yaml`` gives, by channel.
     """
 
     campaign: Campaign
@@ -35,7 +35,9 @@ class PracticeCampaign:
 
 
 def make_campaign(plan: Plan) -> PracticeCampaign:
-    """Solve for the effect sizes of a plan and simulate it; takes up to ten seconds.
+    """Solve for the effect sizes of a plan, then simulate, measure and label it.
+
+    Takes up to some ten seconds.
 
     Raises:
         DivergenceError: the state leaves the range of any gear at every size.
@@ -44,7 +46,7 @@ def make_campaign(plan: Plan) -> PracticeCampaign:
 
 
 def solved_as(plan: Plan, label: Mapping[str, Any]) -> Solved:
-    """Causes and detectabilities from a label of this plan, without solving again."""
+    """Return the causes of a plan with size and detectability read from its label."""
     return tuple(
         (cause.sized(float(entry["size"])), float(entry["d"]))
         for cause, entry in zip(plan.causes, label["effects"], strict=True)
@@ -52,7 +54,10 @@ def solved_as(plan: Plan, label: Mapping[str, Any]) -> Solved:
 
 
 def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
-    """Simulate a plan whose sizes are known; bitwise reproducible on one machine.
+    """Simulate, measure and label a plan with solved sizes; bitwise reproducible on one machine.
+
+    The label of a single cause gives the detectability in these runs, that of a pair the
+    detectabilities of ``solved``.
 
     Raises:
         DivergenceError: the state leaves the range of any gear.

@@ -1,6 +1,6 @@
-"""Evidence and truth of practice campaigns, stored to fit weights again.
+"""Evidence and truth of practice campaigns, stored to fit the weights of the judge again.
 
-A campaign is a line of JSON: seed, truth, stratum, numbers, sizes.
+Each campaign is one line of JSON: seed, truth, stratum, evidence, sizes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class CaseEvidence:
     Attributes:
         seed: of the campaign.
         truth: effects; empty for none, ``("unknown",)`` for a cause outside the catalogue.
-        stratum: noise, law, channels and d.
+        stratum: kind of noise, law, channel set and requested detectability d.
         evidence: numbers that the judge uses.
         sizes: (error, standard deviation, true size of the effect) of each parameter, see
             ``outcome.size_errors``.
@@ -37,7 +37,7 @@ class CaseEvidence:
     sizes: tuple[tuple[float, float, float], ...] = ()
 
     def written(self) -> dict[str, Any]:
-        """Content of its line of JSON."""
+        """Return the content of the campaign's line of JSON."""
         return {
             "seed": self.seed,
             "truth": list(self.truth),
@@ -48,7 +48,7 @@ class CaseEvidence:
 
 
 def bench_evidence(folder: Path) -> list[CaseEvidence]:
-    """Evidence of every finished campaign of a bench; raises as ``stored.stored_evidence``."""
+    """Return the evidence of the finished campaigns of a bench; raises as ``stored_evidence``."""
     return [
         case_evidence(label, report, evidence, relative_error)
         for label, report, evidence, relative_error in stored_evidence(folder)
@@ -61,10 +61,11 @@ def case_evidence(
     evidence: Evidence,
     relative_error: float,
 ) -> CaseEvidence:
-    """Evidence of a campaign from its label, its report and its stored numbers.
+    """Combine the label, report and evidence of a campaign.
 
     Args:
-        relative_error: see ``outcome.size_errors``.
+        relative_error: model error that the report's intervals include, see
+            ``outcome.size_errors``.
     """
     truth = tuple(sorted(label["truth"]))
     noise = label.get("noise", {})
@@ -81,7 +82,7 @@ def case_evidence(
 
 
 def write_evidence(path: Path, campaigns: Iterable[CaseEvidence]) -> None:
-    """Write one line of JSON per campaign."""
+    """Write campaigns to a file, one line of JSON each."""
     lines = [json.dumps(c.written(), separators=(",", ":")) for c in campaigns]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""The effects of the catalogue on a practice rig: their places, shapes and parameters."""
+"""Effects of the catalogue on a practice rig: how each is drawn, applied and labelled."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ Parameters = dict[str, tuple[Any, str]]
 
 
 def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Tooth event: a tooth of sun or ring meets every planet of its side, one of a planet sun and
-    ring.
+    """Draw locus and shape of a tooth event: member, begin ``at`` and width [mesh cycles].
+
+    A tooth of sun or ring meets every planet of its side. One of a planet is damaged on the flank
+    to the sun, to the ring, or both.
     """
     member, side = str(rng.choice(list(CYCLES))), str(rng.choice(["L", "R"]))
     shape = {
@@ -43,14 +45,14 @@ def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
-    """Parameters of a tooth event."""
+    """Return the label parameters of a tooth event, with its size as ``name``."""
     member = c.shape["member"]
     found: Parameters = {name: (c.size, unit), "member": (member, "-")}
     return found | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
 
 
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Draw member, phase and meshes of a run-out."""
+    """Draw locus, member and phase [rad] of a run-out."""
     member = str(rng.choice(list(CYCLES)))
     shape = {"member": member, "phase": angle(rng)}
     side = str(rng.choice(["L", "R", "all"]))
@@ -60,20 +62,22 @@ def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _draw_damping(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Damping by contact (power 0) or by load, equal to the nominal one at the drawn
-    deflection.
+    """Draw locus and shape of a damping law.
+
+    ``power`` of the deflection: 0 is by contact alone, else by load; ``depth``: deflection [m] at
+    which the damping is nominal.
     """
     power = float(rng.choice([0.0, 1.0, rng.uniform(0.2, 1.0)]))
     return draw_kind_locus(rng), {"power": power, "depth": float(rng.uniform(1.5e-5, 4e-5))}
 
 
 def _ripple_draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Draw order and phase of a torque ripple."""
+    """Draw order, per sun revolution, and phase [rad] of a torque ripple."""
     return dict(ALL), {"order": int(rng.integers(1, 61)), "phase": angle(rng)}
 
 
 def _wave_parameters(unit: str) -> Any:
-    """Function that returns order, cosine and sine of a harmonic."""
+    """Return a ``Kind.parameters`` function that gives order, cosine and sine of a harmonic."""
     return lambda c: {
         "order": (c.shape["order"], "-"),
         "cos": (c.size * np.cos(c.shape["angle"]), unit),
@@ -82,7 +86,7 @@ def _wave_parameters(unit: str) -> Any:
 
 
 def _draw_waves(least: int) -> Any:
-    """Function that draws meshes, order and angle of a harmonic."""
+    """Return a ``Kind.draw`` for a harmonic: meshes, order (``least`` to 4) and angle [rad]."""
     return lambda rng, _: (
         draw_locus(rng),
         {"order": int(rng.integers(least, 5)), "angle": angle(rng)},

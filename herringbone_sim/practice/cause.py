@@ -1,4 +1,4 @@
-"""A cause: an effect with its place, shape and size, as the label holds it."""
+"""Causes: effects with locus, shape and size as a label holds them, and how they are drawn."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Cause:
 
     Attributes:
         effect: id in the catalogue, or ``unknown``.
-        internal: name in the tables of this package.
+        internal: key in ``plan.KINDS``, also of causes outside the catalogue.
         locus: mesh, planet, side; of sensors also the channels.
         shape: drawn properties other than the size.
-        size: solved for, positive, in the unit of the first parameter.
+        size: positive, solved for; ``Kind.parameters`` converts it to the catalogue's parameters.
     """
 
     effect: str
@@ -36,17 +36,17 @@ class Cause:
     size: float = 1.0
 
     def sized(self, size: float) -> Cause:
-        """The same cause with another size."""
+        """Return a copy of the cause with another size."""
         return replace(self, size=size)
 
     @property
     def sign(self) -> float:
-        """Drawn sign, 1 if the effect has none."""
+        """Drawn sign of the size, 1 if the effect has none."""
         return float(self.shape.get("sign", 1.0))
 
     @property
     def meshes(self) -> Array:
-        """(12,) 1 on the meshes of the locus, else 0."""
+        """Mask (12,): 1 on the meshes of the locus, else 0."""
         return mesh_mask(self.locus)
 
 
@@ -57,10 +57,10 @@ class Kind:
     Attributes:
         sense: where it shows: ``law`` (mesh force law), ``body`` (balance of a body) or
             ``sensor``.
-        start, cap: size that is tried first, and the largest one.
-        draw: draws locus and shape from the recorded channels.
-        apply: rig model with the effect (unchanged for sensors).
-        parameters: parameters in the catalogue: name to (value, unit).
+        start, cap: size that is tried first, and largest size.
+        draw: draws locus and shape; gets the names of the recorded channels.
+        apply: returns the rig model with the effect (unchanged for sensors).
+        parameters: returns the catalogue's parameters: name to (value, unit).
         least: smallest size.
     """
 
@@ -74,7 +74,7 @@ class Kind:
 
 
 def mesh_mask(locus: Mapping[str, Any]) -> Array:
-    """(12,) 1 on the meshes of a locus, else 0."""
+    """Return a mask (12,): 1 on the meshes of a locus, else 0."""
     wanted = [str(locus.get(name, "all")) for name in ("mesh", "planet", "side")]
     parts = [(m[:2], m[2], m[4]) for m in MESHES]
     inside = [
@@ -85,7 +85,7 @@ def mesh_mask(locus: Mapping[str, Any]) -> Array:
 
 
 def at(mesh: str = "all", planet: int | str = "all", side: str = "all") -> dict[str, Any]:
-    """Locus from mesh kind, planet and side."""
+    """Return the locus of a mesh kind, planet and side."""
     return {"mesh": mesh, "planet": str(planet), "side": side}
 
 
@@ -95,7 +95,7 @@ def draw_sign(rng: Generator) -> float:
 
 
 def draw_locus(rng: Generator) -> dict[str, Any]:
-    """Draw a locus: all meshes of a kind, those of one planet, or a single mesh."""
+    """Draw a locus: all meshes of a kind, those of a kind at one planet, or a single mesh."""
     mesh, planet = str(rng.choice(["sp", "rp"])), int(rng.integers(1, 4))
     which = int(rng.integers(3))
     if which == 0:
@@ -109,30 +109,30 @@ def draw_kind_locus(rng: Generator) -> dict[str, Any]:
 
 
 def anywhere(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Draw meshes of one kind, and no shape."""
+    """Draw a locus by ``draw_locus``; the shape is empty."""
     return draw_locus(rng), {}
 
 
 def by_kind(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Draw all meshes or all of a kind, and no shape."""
+    """Draw a locus by ``draw_kind_locus``; the shape is empty."""
     return draw_kind_locus(rng), {}
 
 
 def angle(rng: Generator) -> float:
-    """Draw an angle in -pi .. pi."""
+    """Draw an angle in -pi .. pi [rad]."""
     return float(rng.uniform(-np.pi, np.pi))
 
 
 def signed(locus: Callable[[Generator], dict[str, Any]]) -> Any:
-    """Function that draws a locus and a sign."""
+    """Return a ``Kind.draw`` function that draws a locus by ``locus``, and a sign as its shape."""
     return lambda rng, _: (locus(rng), {"sign": draw_sign(rng)})
 
 
 def size_as(name: str, unit: str) -> Any:
-    """Function that returns the size, with its sign, as the only parameter."""
+    """Return a ``Kind.parameters`` function that gives the signed size as the only parameter."""
     return lambda c: {name: (c.sign * c.size, unit)}
 
 
 def on_meshes(name: str) -> Any:
-    """Function that sets a field of a rig model to the size, with its sign, on the meshes."""
+    """Return a ``Kind.apply`` that sets a rig model's field to the signed size on the locus."""
     return lambda p, c, _: p._replace(**{name: c.sign * c.size * c.meshes})

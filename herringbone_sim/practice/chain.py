@@ -1,9 +1,9 @@
-"""The measuring chain: filter and encoders, then noise, gauges and converters.
+"""Measuring chain of a campaign: filter and encoders, then gauges, noise and converters.
 
-The filter input is the motion sampled four times as finely or more, interpolated by a cubic spline
-to a grid ``FINER`` times finer again, and linear between these points; the response to that is
-exact.
-Gains of gauges and eccentricities of gratings are calibration errors, not noise.
+The filter input is the motion sampled ``Sampling.finer`` times as finely as it is recorded,
+interpolated by a cubic spline to a grid ``FINER`` times finer again, and linear between these
+points; the response to that is exact. Gains of gauges and eccentricities of gratings are
+calibration errors, not noise.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n,
 
 Channels = dict[str, Array]
 Part = Mapping[str, Any]
-MAINS = 50.0  # Hz
+MAINS = 50.0  # frequency of the mains [Hz]
 
 
 def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Channels, Channels]:
-    """Channels after filter and encoders, first without and then with the quantisation of the
-    encoders.
+    """Return the channels after filter and encoders, without and with rounding to encoder counts.
+
+    Args:
+        fine: motion sampled more finely, for a filter; None: no filter.
     """
     part = noise.parts.get("encoders")
     seen = channels_of(motion)
@@ -48,10 +50,11 @@ def deterministic(noise: Noise, motion: Motion, fine: Motion | None) -> tuple[Ch
 
 
 def filtered(fine: Motion, count: int, part: Part, finer: int) -> Channels:
-    """The last ``count`` samples of all channels after the low-pass, at the recorded times.
+    """Return all channels after the low-pass, at the last ``count`` recorded times.
 
     Args:
-        fine: motion at ``finer`` samples per recorded one.
+        fine: motion at ``finer`` samples per recorded sample.
+        part: parameters of the filter, see ``low_pass``.
     """
     channels = channels_of(fine)
     values = np.stack(list(channels.values()), axis=1)
@@ -63,11 +66,13 @@ def filtered(fine: Motion, count: int, part: Part, finer: int) -> Channels:
 
 
 def low_pass(values: Array, step: float, part: Part) -> Array:
-    """Response (n, k) of the filter to inputs (n, k) that are linear between samples.
+    """Return the filter response (n, k) to inputs (n, k) that are linear between samples.
+
+    It begins in the steady state of the first input.
 
     Args:
         step: time between samples [s].
-        part: ``order`` 1 or 2, ``corner`` over omega_n, damping ``ratio`` for order 2.
+        part: ``order`` 1 or 2, ``corner`` frequency over omega_n, damping ``ratio`` for order 2.
     """
     corner = float(part["corner"]) * omega_n()
     poles = [1.0 / corner, 1.0]
@@ -80,17 +85,20 @@ def low_pass(values: Array, step: float, part: Part) -> Array:
 
 
 def turns() -> Array:
-    """(9,) turns of each body per mesh cycle in the inertial frame; planets turn backwards."""
+    """Return revolutions (9,) of each body per mesh cycle in the inertial frame (planets < 0)."""
     carrier = 1.0 / 77.0
     planet = carrier * (1.0 - 77.0 / 25.0)
     return np.array([carrier * (1.0 + 77.0 / 27.0)] * 2 + [carrier] + [planet] * 6)
 
 
 def encoded(seen: Channels, motion: Motion, part: Part, counted: bool) -> Channels:
-    """u from eccentric gratings, and x and v computed from it or from a second set of gratings.
+    """Return the channels with u read by encoders, and x and v computed from encoder readings.
+
+    If there is a second set of gratings, x and v are computed from its readings.
 
     Args:
-        counted: in whole counts; else with infinitely fine gratings.
+        part: ``encoders`` of ``Noise.parts``.
+        counted: round angles to whole counts; else gratings are infinitely fine.
     """
     exact = np.stack([seen[f"u_{b}"] for b in BODIES], axis=1)
     step = 2.0 * np.pi / int(part["counts"]) if counted else 0.0
@@ -113,7 +121,10 @@ def encoded(seen: Channels, motion: Motion, part: Part, counted: bool) -> Channe
 
 
 def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float) -> Array:
-    """u (n, 9) [m] by a set of gratings, rounded to ``step`` [rad] unless that is 0."""
+    """Return u (n, 9) [m] read by one set of gratings, without the trend of the rotation.
+
+    ``off``, ``angle``: eccentricity and its direction [rad]; ``step``: a count [rad], 0 for exact.
+    """
     r_s, r_p, _, r_c = radii()
     radius = np.array([r_s, r_s, r_c, *[r_p] * 6])
     steady = motion.phase[:, None] * turns()
@@ -124,12 +135,12 @@ def _by_grating(u: Array, motion: Motion, off: Array, angle: Array, step: float)
 
 
 def by_encoder(noise: Noise, name: str) -> bool:
-    """Whether a channel is computed from encoder counts; it then gets no noise or converter."""
+    """Return whether a channel is computed from encoder counts, and so gets no other noise."""
     return "encoders" in noise.parts and name[0] in "uxv"
 
 
 def gauged(noise: Noise, channels: Mapping[str, Array]) -> Channels:
-    """Channels multiplied by the gains of their gauges."""
+    """Return the channels multiplied by the gains of their force gauges."""
     gains = noise.parts.get("gains", {}).get("of", {})
     return {name: values * gains.get(name, 1.0) for name, values in channels.items()}
 
@@ -141,9 +152,13 @@ def measured(
     rng: Generator,
     most: Mapping[str, float],
 ) -> Channels:
-    """Channels with noise of a share of the RMS of each, then rounded to the steps of a converter.
+    """Add random noise to each channel and round it to the steps of its converter.
+
+    Channels computed from encoder counts are unchanged.
 
     Args:
+        noise: measuring chain; its ``share`` is the RMS of the noise over that of the channel.
+        times: (n,) [s].
         most: largest value of each quantity over the campaign, which sets the converter range.
     """
     start = rng.uniform(0.0, 2.0 * np.pi)
@@ -160,10 +175,10 @@ def measured(
 
 
 def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Array:
-    """(n,) noise of RMS 1: white, drift and hum by their shares of the power.
+    """Return noise (n,) of RMS 1: white noise, drift and hum by their fractions of its power.
 
     Args:
-        mains: phase [rad] of the mains at the first sample, equal for all channels.
+        mains: phase [rad] of the mains at time 0, equal for all channels.
     """
     drift, hum = noise.parts.get("drift", {}), noise.parts.get("hum", {})
     rest = 1.0 - float(drift.get("power", 0.0)) - float(hum.get("power", 0.0))
@@ -179,7 +194,7 @@ def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Arr
 
 
 def _drift(law: str, n: int, rng: Generator) -> Array:
-    """Slow noise (n,) of RMS 1 and mean 0 with a power spectrum 1/f^2 (random walk) or 1/f."""
+    """Return slow noise (n,) of RMS 1 and mean 0, with spectrum 1/f^2 (law ``walk``) or 1/f."""
     spectrum = np.fft.rfft(rng.normal(size=4 * n))
     order = np.maximum(np.arange(len(spectrum)), 1.0)
     slow = np.fft.irfft(spectrum / (order if law == "walk" else np.sqrt(order)))[:n]
@@ -188,7 +203,7 @@ def _drift(law: str, n: int, rng: Generator) -> Array:
 
 
 def _step(noise: Noise, sigma: float, most: float) -> float:
-    """Step of the converter; without a drawn one, a power of two of at most sigma / 8."""
+    """Return the step of the converter; if none is drawn, a power of two <= sigma / 8, or 0."""
     part = noise.parts.get("converter")
     if part is not None:
         return 2.0 * float(part["room"]) * most / 2.0 ** int(part["bits"])

@@ -1,4 +1,7 @@
-"""Apply the effects of the catalogue to a rig model, by their own law or by a drawn curve."""
+"""Apply the effects of the catalogue to a rig model, by the catalogue's law or a drawn curve.
+
+Each function of an effect returns a changed copy of the rig model.
+"""
 
 from __future__ import annotations
 
@@ -12,25 +15,26 @@ from herringbone_sim.practice.laws import contact, damping, friction, warm, wind
 from herringbone_sim.practice.rig_model import N_MESH, RigModel
 from herringbone_sim.practice.tables import GRID, table, wave
 
-CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # mesh cycles per turn relative to the carrier
+CYCLES = {"sun": 27, "planet": 25, "ring": 77}  # mesh cycles a revolution against the carrier
 SEAT = (3e11, 0.1)  # stiffness [N/m] and damping ratio of a pin's seat
 RING_LOAD = 1e5  # load [N] at whose deflection a drawn hardening is defined
 
 
 def _curve(c: Cause) -> dict[str, Any]:
-    """Drawn curve of a cause, empty for the catalogue's own law."""
+    """Return the drawn curve of a cause, empty for the catalogue's law."""
     found: dict[str, Any] = c.shape.get("curve", {})
     return found
 
 
 def _padded(rows: Array, count: int) -> Array:
-    """Harmonics (h, 12) padded with zero rows to ``count``."""
+    """Return harmonics (h, 12) with zero rows appended up to ``count`` rows."""
     return np.concatenate([rows, np.zeros((max(count - len(rows), 0), rows.shape[1]))])
 
 
 def _harmonics(c: Cause) -> tuple[Array, Array]:
-    """Cosines and sines (h,) by mesh order: the labelled harmonic and the additional drawn
-    ones.
+    """Return cosines and sines (h,) by mesh order of the labelled harmonic and drawn ones.
+
+    The labelled harmonic has amplitude 1; additional ones of the same order are omitted.
     """
     order, angle = int(c.shape["order"]), float(c.shape["angle"])
     riders = [one for one in _curve(c).get("riders", ()) if int(one[0]) != order]
@@ -39,7 +43,7 @@ def _harmonics(c: Cause) -> tuple[Array, Array]:
 
 
 def _added(c: Cause, cos: Array, sin: Array) -> tuple[Array, Array]:
-    """Harmonics (h, 12) of a rig model plus those of a cause."""
+    """Return cosines and sines (h, 12) of a rig model plus those of a cause."""
     more = [c.size * one[:, None] * c.meshes for one in _harmonics(c)]
     count = max(len(cos), len(more[0]))
     sums = [_padded(a, count) + _padded(b, count) for a, b in zip((cos, sin), more, strict=True)]
@@ -47,24 +51,24 @@ def _added(c: Cause, cos: Array, sin: Array) -> tuple[Array, Array]:
 
 
 def mean_stiffness(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Scale the stiffness of the meshes of the locus."""
+    """Scale the stiffness of the meshes of the locus by 1 + signed size."""
     return p._replace(stiffness=p.stiffness * (1.0 + c.sign * c.size * c.meshes))
 
 
 def stiffness_harmonic(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add a harmonic of the stiffness."""
+    """Add harmonics of the mesh phase to the stiffness."""
     cos, sin = _added(c, p.k_cos, p.k_sin)
     return p._replace(k_cos=cos, k_sin=sin)
 
 
 def profile_error(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add a harmonic of the mesh error."""
+    """Add harmonics of the mesh phase to the mesh error."""
     cos, sin = _added(c, p.p_cos, p.p_sin)
     return p._replace(p_cos=cos, p_sin=sin)
 
 
 def shift(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Shift the phase of stiffness and error of the meshes."""
+    """Advance the phase of stiffness and error of the meshes by the signed size [rad]."""
     turn = c.sign * c.size * c.meshes
     cos = p.shift_cos * np.cos(turn) - p.shift_sin * np.sin(turn)
     sin = p.shift_sin * np.cos(turn) + p.shift_cos * np.sin(turn)
@@ -72,8 +76,9 @@ def shift(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def lateness(member: str) -> Array:
-    """(12,) turns of a member after which one of its teeth meets each mesh, counted from
-    planet 1.
+    """Return the delay (12,), in revolutions of a member, with which its tooth meets each mesh.
+
+    For ``sun`` and ``ring`` relative to the mesh of planet 1, for ``planet`` to its sun mesh.
     """
     mesh = np.arange(float(N_MESH))
     third, ring = mesh % 3.0 / 3.0, np.where(mesh > 5.0, 1.0, 0.0)
@@ -81,8 +86,9 @@ def lateness(member: str) -> Array:
 
 
 def event(p: RigModel, c: Cause, row: int) -> RigModel:
-    """Add a tooth event; row 3 of ``RigModel.event`` is the depth of a crack, 4 the height of a
-    spall.
+    """Add a damaged tooth; ``row`` of ``RigModel.event`` gets the size.
+
+    Row 3 is the depth of a crack, row 4 the height of a spall.
     """
     member, curve = str(c.shape["member"]), _curve(c)
     late = np.rint(lateness(member) * CYCLES[member])
@@ -99,7 +105,7 @@ def event(p: RigModel, c: Cause, row: int) -> RigModel:
 
 
 def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add run-out: e + sin(2 pi turns + phase), later at each mesh by its share of a turn."""
+    """Add run-out of a member: size * sin(revolution angle + phase), delayed by ``lateness``."""
     member, cycles = str(c.shape["member"]), p.turn_cycles.copy()
     late = 2.0 * np.pi * lateness(member)
     parts = [(1.0, 1.0, 0.5 * np.pi - float(c.shape["phase"])), *_curve(c).get("riders", ())]
@@ -113,8 +119,9 @@ def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def _of_meshes(c: Cause) -> Array:
-    """(12,) 1 on the meshes of the locus; on ring and right meshes the factors of the drawn
-    curve.
+    """Return weights (12,) of the meshes: 0 outside the locus, else 1 or factors of a drawn curve.
+
+    The factors are on ring meshes if the locus has both kinds, on right ones if it has both sides.
     """
     mesh, shares = np.arange(N_MESH), c.meshes
     for part, name, there in (("mesh", "ring", mesh > 5), ("side", "right", mesh // 3 % 2 == 1)):
@@ -124,7 +131,7 @@ def _of_meshes(c: Cause) -> Array:
 
 
 def pin_position(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add a constant displacement by a pin that is off its position."""
+    """Add the constant displacement of meshes by a pin that is off its position."""
     return p._replace(offset=p.offset + c.sign * c.size * _of_meshes(c))
 
 
@@ -159,27 +166,27 @@ def thermal_backlash(p: RigModel, c: Cause, point: Point) -> RigModel:
 
 
 def thermal_stiffness(p: RigModel, c: Cause, point: Point) -> RigModel:
-    """Reduce the stiffness with delta_T."""
+    """Reduce the stiffness in proportion to delta_T or by a drawn curve; at least 5 % remain."""
     left = np.maximum(1.0 - c.size * warm(_curve(c), point["delta_T"]) * c.meshes, 0.05)
     return p._replace(stiffness=p.stiffness * left)
 
 
 def tooth_friction(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add sliding friction."""
+    """Add sliding friction with the size as coefficient, by sign of sliding or a drawn curve."""
     p = p._replace(friction=c.size * c.meshes)
     curve = _curve(c)
     return p._replace(pitch=curve["pitch"], rub=table(friction(curve))) if curve else p
 
 
 def contact_nonlinearity(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Make the mesh springs nonlinear."""
+    """Make the mesh springs nonlinear: exponent 1 + size, or a drawn curve."""
     if not _curve(c):
         return p._replace(hertz=p.hertz + c.size * c.meshes)
     return p._replace(bent=1.0 * c.meshes, bend=table(contact(_curve(c), c.size)))
 
 
 def damping_law(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Make a share of the damping depend on contact or load."""
+    """Make a fraction of the damping (the size) depend on contact or load."""
     p = p._replace(c_share=c.size * c.meshes)
     curve = _curve(c)
     if curve:
@@ -188,7 +195,7 @@ def damping_law(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def ring_flexibility(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Let the ring halves move on springs; the size is the compliance [m/N]."""
+    """Let both ring halves move on springs; the size is the compliance [m/N]."""
     free = p.free.copy()
     free[9:11] = 1.0
     damper = 2.0 * c.shape["ratio"] * np.sqrt(p.mass[9] / c.size)
@@ -198,7 +205,7 @@ def ring_flexibility(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def bearing_clearance(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Let a pin move in the carrier with clearance and a flexible seat."""
+    """Let a planet pin move in the carrier by a clearance, the size [m], on a flexible seat."""
     pin = 11 + int(c.locus["planet"]) - 1
     free, mass = p.free.copy(), p.mass.copy()
     free[pin] = 1.0
@@ -213,7 +220,7 @@ def bearing_clearance(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def torque_ripple(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add ripple of the input torque by orders of the sun's turn."""
+    """Add harmonics of the sun's revolution to the input torque; the size is relative to T_1."""
     parts = [(1.0, 1.0, 0.5 * np.pi - float(c.shape["phase"])), *_curve(c).get("riders", ())]
     waves = wave(parts, max(int(part[0]) for part in parts))
     return p._replace(ripple_order=float(c.shape["order"]), ripple=c.size * np.stack(waves))

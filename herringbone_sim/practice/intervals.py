@@ -1,4 +1,4 @@
-"""Confidence intervals of figures: Wilson's for shares, bootstrap for the rest."""
+"""Confidence intervals of figures: Wilson's for fractions, bootstrap for the rest."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOTHING = IntervalEstimate(float("nan"), float("nan"), float("nan"), 0)
 
 
 def share(hits: Sequence[bool]) -> IntervalEstimate:
-    """Share of True with Wilson's interval."""
+    """Return the fraction of True with its 95 % Wilson interval."""
     n = len(hits)
     if n == 0:
         return NOTHING
@@ -41,9 +41,9 @@ def share(hits: Sequence[bool]) -> IntervalEstimate:
 
 
 def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> IntervalEstimate:
-    """A statistic of rows (n, ...) with the percentile interval of 1000 bootstrap resamples.
+    """Return a statistic of rows (n, ...) with its 95 % interval from 1000 bootstrap resamples.
 
-    Resamples with a statistic of NaN (only one class) are left out.
+    Resamples without a finite statistic (such as an AUROC of one class) are ignored.
     """
     n = len(rows)
     if n == 0:
@@ -56,8 +56,10 @@ def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> IntervalEstimat
 
 
 def auroc(rows: Array) -> float:
-    """Area under the ROC curve of rows (n, 2): score, whether positive; NaN without both
-    classes.
+    """Return the area under the ROC curve; NaN if one class is missing.
+
+    Args:
+        rows: (n, 2) score, and 1 for a positive case or 0 for a negative one.
     """
     positive, negative = rows[rows[:, 1] > 0.5, 0], rows[rows[:, 1] <= 0.5, 0]
     if not len(positive) or not len(negative):
@@ -67,7 +69,11 @@ def auroc(rows: Array) -> float:
 
 
 def calibration_error(rows: Array) -> float:
-    """Expected calibration error of rows (n, 2): probability given, whether right; in ten bins."""
+    """Return the expected calibration error, in ten bins, of probabilities.
+
+    Args:
+        rows: (n, 2) stated probability, and 1 if the statement is true or 0 if not.
+    """
     where = np.minimum((rows[:, 0] * 10).astype(int), 9)
     gaps = [abs(np.sum(rows[where == b, 0] - rows[where == b, 1])) for b in range(10)]
     return float(np.sum(gaps) / len(rows))

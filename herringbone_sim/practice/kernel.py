@@ -1,4 +1,4 @@
-"""Compiled right-hand side of the practice rig: Eqs. (12)-(16) and every effect."""
+"""Compiled right-hand side of the practice rig: Eqs. (12)-(16) and all effects."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ def _random_cause(
     extra: Array,
     depth: Array,
 ) -> None:
-    """Apply the random function at mesh m, and set the input of its memory state."""
+    """Add the random function at mesh m to the quantity that it changes, in place.
+
+    ``depth[12 + m]`` gets the input of the memory state. Displacements are added in ``_forces``.
+    """
     load = depth[m]
     followed = p.random.own_input
     depth[12 + m] = f * 1e5 if followed == 0 else (v * 2.0 if followed == 1 else load * 1e-4)
@@ -58,9 +61,12 @@ random_cause: Any = compiled(_random_cause)
 def _forces(
     p: RigModel, t: float, phase0: float, y: Array, force: Array, extra: Array, depth: Array
 ) -> None:
-    """Mesh forces (12,) [N], and forces on the coordinates (15,) [N] other than T_1, T_2 and K.
+    """Compute mesh forces (12,) and additional forces on the coordinates (15,) [N], in place.
+
+    Additional (``extra``) are all but mesh forces, T_1, T_2, K and the springs of moving parts.
 
     Args:
+        t, phase0: time [s]; mesh phase [rad] at t = 0.
         y: (30,) or (42,): coordinates [m], their rates, memory states of the meshes.
         depth: (24,) output: spring forces [N], then inputs of the memory states.
     """
@@ -142,7 +148,7 @@ def _rate(
     extra: Array,
     depth: Array,
 ) -> None:
-    """dy/dt (30,) of Eqs. (12)-(14) for the free coordinates, (42,) with memory states."""
+    """Write dy/dt (30,) of Eqs. (12)-(14), or (42,) with memory states, to ``dy``."""
     n = p.mass.size
     forces(p, t, phase0, y, force, extra, depth)
     carrier = 0.0

@@ -1,4 +1,4 @@
-"""Labels: the truth of a campaign, sealed by a hash and stored apart from it."""
+"""Labels: the truth of each campaign, sealed by a hash and stored apart from the recordings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from herringbone_sim.recording.campaign import CampaignRun
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 
 SCHEMA = "rig/label/1"
-SHORT = 0.8  # share of the requested detectability below which a cause counts as capped
+SHORT = 0.8  # fraction of the requested detectability below which a cause counts as capped
 
 
 def label_of(
@@ -37,7 +37,7 @@ def label_of(
     motions: Sequence[Motion],
     measures: Sequence[RunMeasure],
 ) -> dict[str, Any]:
-    """Label of a campaign as plain JSON.
+    """Return the label of a campaign as plain JSON: causes, settings, and measures of each run.
 
     Args:
         solved: causes with their detectability.
@@ -71,7 +71,11 @@ def label_of(
 
 
 def law_of(causes: Sequence[Cause]) -> str:
-    """Law of the causes: none, catalogue, other (if at least one is) or outside."""
+    """Return the law of the causes as a label states it.
+
+    It is ``none`` without causes, ``outside`` if a cause is unknown, ``other`` if a cause has a
+    drawn curve, else ``catalogue``.
+    """
     if not causes or any(cause.effect == "unknown" for cause in causes):
         return "outside" if causes else "none"
     laws = {cause.shape.get("law", "catalogue") for cause in causes}
@@ -79,12 +83,12 @@ def law_of(causes: Sequence[Cause]) -> str:
 
 
 def _regime(aperiodic: float) -> str:
-    """Regime of a campaign from its share of aperiodic runs."""
+    """Return the regime of a campaign from its fraction of aperiodic runs."""
     return "mostly aperiodic" if aperiodic > 0.5 else "mostly periodic"
 
 
 def _effect(plan: Plan, cause: Cause, d: float) -> dict[str, Any]:
-    """Entry of one cause."""
+    """Return the label entry of a cause with detectability ``d``."""
     parameters = KINDS[cause.internal].parameters(cause)
     return {
         "effect": cause.effect,
@@ -109,7 +113,7 @@ def _plain(value: Any) -> Any:
 def _run(
     plan: Plan, run: CampaignRun, rig: Constants, motion: Motion, measure: RunMeasure
 ) -> dict[str, Any]:
-    """Entry of one run."""
+    """Return the label entry of a run."""
     return {
         "path": run.path.name,
         "role": run.role,
@@ -129,22 +133,20 @@ def _run(
 
 
 def label_text(label: dict[str, Any]) -> str:
-    """Text of the label file."""
+    """Return the text of the label file."""
     return json.dumps(label, indent=1, allow_nan=False) + "\n"
 
 
 def seal(label: dict[str, Any]) -> str:
-    """SHA-256 of the label file; published before a diagnosis runs, it proves the label
-    unchanged.
-    """
+    """Return the SHA-256 of the label file; published before a diagnosis to prove it unchanged."""
     return hashlib.sha256(label_text(label).encode()).hexdigest()
 
 
 def read_label(path: Path, expected: str | None = None) -> dict[str, Any]:
-    """Read a label file and compare it with its seal, if one is given.
+    """Read a label file and compare its SHA-256 with the expected seal, if one is given.
 
     Raises:
-        RecordingError: no label, or not the sealed one.
+        RecordingError: no readable label, or not the sealed one.
     """
     try:
         text = json_text(path)

@@ -1,7 +1,7 @@
 """Families of curves from which the laws of effects are drawn.
 
 The catalogue's law of an effect is one curve. With ``law: other`` a curve is drawn from a family
-that still fits the effect's id. A curve is a mapping of numbers, which are stored in the label.
+to which the effect's id still applies. A curve is a mapping that is stored in the label.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ from herringbone_sim.practice.tables import GRID, deflections
 Curve = Mapping[str, Any]
 LAWS = ("catalogue", "other")
 F_0 = 1e-5  # deflection [m] at which all contact laws have the factor 1
-FROM, TO = 5e-6, 4e-5  # deflections [m] under 7 and 60 kN
+FROM, TO = 5e-6, 4e-5  # deflections [m] under 7 and 60 kN, between which a size is defined
 WARM = 50.0  # temperature rise [K] at which all temperature laws agree
 HIGHEST = 8  # highest order of an additional harmonic
 
 
 def _riders(rng: Generator, orders: Array) -> list[list[float]]:
-    """Two to four ``[order, share, angle]``, together 0.25 to 0.7 of the labelled harmonic."""
+    """Draw additional harmonics ``[order, amplitude, angle]`` beside the labelled one.
+
+    The root sum of squares of the amplitudes is 0.25 to 0.7 of the labelled one.
+    """
     count = int(rng.integers(2, 5))
     chosen = rng.choice(orders, count, replace=False)
     shares = rng.dirichlet(np.ones(count)) ** 0.5 * rng.uniform(0.25, 0.7)
@@ -33,17 +36,17 @@ def _riders(rng: Generator, orders: Array) -> list[list[float]]:
 
 
 def _waves(rng: Generator) -> Curve:
-    """Harmonics of the mesh beside the labelled one, whose order is not known here."""
+    """Draw additional harmonics of the mesh phase; the labelled order is excluded when applied."""
     return {"riders": _riders(rng, np.arange(1.0, HIGHEST + 1.0))}
 
 
 def _turns(rng: Generator) -> Curve:
-    """Multiples of the first order of a turn."""
+    """Draw multiples (2 to 5) of the labelled order of a revolution."""
     return {"riders": _riders(rng, np.arange(2.0, 6.0))}
 
 
 def _event(rng: Generator) -> Curve:
-    """Window: position and length of its plateau, shape of its ramps, depth of a dip."""
+    """Draw the window of a tooth event: width, plateau, exponents of its ramps, depth of a dip."""
     return {
         "width": float(rng.uniform(0.5, 2.2)),
         "peak": float(rng.uniform(0.15, 0.85)),
@@ -56,7 +59,7 @@ def _event(rng: Generator) -> Curve:
 
 
 def window(curve: Curve) -> Array:
-    """Values (n,) of an event over its width, 0 at both ends, 1 at its peak."""
+    """Return the strength (n,) of an event over its width, 0 at both ends, 1 at its peak."""
     flat = float(curve["plateau"])
     start = float(curve["peak"]) * (1.0 - flat)
     up = np.clip(GRID / start, 0.0, 1.0)
@@ -71,7 +74,10 @@ def window(curve: Curve) -> Array:
 
 
 def _flanks(rng: Generator) -> Curve:
-    """Offset of the back flank and of ring meshes, relative to the drive flank of sun meshes."""
+    """Draw offsets of back flanks and ring meshes, relative to drive flanks of sun meshes.
+
+    ``corner``: width of rounded corners of the contact over the offset.
+    """
     return {
         "back": float(rng.uniform(0.2, 1.5)),
         "ring": float(rng.uniform(0.5, 1.4)),
@@ -80,14 +86,12 @@ def _flanks(rng: Generator) -> Curve:
 
 
 def _pin(rng: Generator) -> Curve:
-    """Displacement at ring meshes and on the right side: a pin that is also off radially, and
-    tilted.
-    """
+    """Draw relative displacements of ring and right meshes by a pin off radially and tilted."""
     return {"ring": float(rng.uniform(0.3, 1.5)), "right": float(rng.uniform(0.6, 1.4))}
 
 
 def _temperature(rng: Generator) -> Curve:
-    """From saturating to quadratic growth, starting at 0 K or at an onset."""
+    """Draw a curve of delta_T: saturating to quadratic growth, beginning at 0 K or at an onset."""
     return {
         "bend": float(rng.uniform(-0.45, 0.9)),
         "curl": float(rng.uniform(-0.25, 0.25)),
@@ -96,7 +100,7 @@ def _temperature(rng: Generator) -> Curve:
 
 
 def warm(curve: Curve, delta_T: float) -> float:
-    """Effective delta_T [K] by a curve; equal to delta_T at 50 K, and without a curve."""
+    """Return the effective delta_T [K] by a curve; equal to delta_T at 50 K or without curve."""
     onset = float(curve.get("onset", 0.0))
     above = WARM * max(delta_T - onset, 0.0) / (WARM - onset)
     off = delta_T / WARM - 1.0
@@ -105,7 +109,7 @@ def warm(curve: Curve, delta_T: float) -> float:
 
 
 def _friction(rng: Generator) -> Curve:
-    """Stribeck friction with a smooth change of sign at a shifted pitch point."""
+    """Draw Stribeck friction with a smooth change of sign at a shifted pitch point."""
     return {
         "pitch": float(rng.uniform(-0.6, 0.6)),
         "softness": float(rng.uniform(0.01, 0.15)),
@@ -116,7 +120,7 @@ def _friction(rng: Generator) -> Curve:
 
 
 def friction(curve: Curve) -> Array:
-    """Values (n,) over a mesh cycle, the pitch point in the middle, RMS 1."""
+    """Return friction (n,) over a mesh cycle, with the pitch point in the middle and RMS 1."""
     s = GRID - 0.5
     sign = np.tanh(s / float(curve["softness"]))
     stribeck = 1.0 + float(curve["rise"]) * np.exp(-np.abs(s) / float(curve["speed"]))
@@ -126,7 +130,7 @@ def friction(curve: Curve) -> Array:
 
 
 def _contact(rng: Generator) -> Curve:
-    """Contact law of one of four forms."""
+    """Draw a contact law of one of four forms."""
     form = str(rng.choice(["rounded power", "polynomial", "saturating", "second stage"]))
     return {
         "form": form,
@@ -136,10 +140,10 @@ def _contact(rng: Generator) -> Curve:
 
 
 def contact(curve: Curve, size: float) -> Array:
-    """Factor (n,) of the spring force at the deflections of a table; 1 at ``F_0`` at any size.
+    """Return the factor (n,) on the spring force at ``tables.deflections()``; 1 at ``F_0``.
 
     The size is the growth of the factor over the logarithm of the deflection between ``FROM`` and
-    ``TO``, which for a power law is nearly its exponent.
+    ``TO``; for a power law that is nearly its exponent less 1. The factor is at least 0.1.
     """
     low, middle, high = _stiffening(curve, np.array([FROM, F_0, TO]))
     steep = (high - low) / np.log(TO / FROM)
@@ -149,7 +153,7 @@ def contact(curve: Curve, size: float) -> Array:
 
 
 def _stiffening(curve: Curve, f: Array) -> Array:
-    """Increasing function of the deflection f [m]."""
+    """Return an increasing function of the deflection f [m], by the form of the curve."""
     at = f / float(curve["depth"])
     share = float(curve["share"])
     form = curve["form"]
@@ -164,7 +168,7 @@ def _stiffening(curve: Curve, f: Array) -> Array:
 
 
 def _damping(rng: Generator) -> Curve:
-    """Increasing function of the deflection with steps of random height."""
+    """Draw damping that increases with the deflection in steps of random height."""
     steps = rng.dirichlet(np.full(6, 0.6)) * rng.uniform(1.2, 3.0)
     return {
         "out": float(rng.choice([0.0, rng.uniform(0.0, 0.3)])),
@@ -173,7 +177,7 @@ def _damping(rng: Generator) -> Curve:
 
 
 def damping(curve: Curve) -> Array:
-    """Share (n,) of a damper that acts, at the deflections of a table."""
+    """Return the factor (n,) on a damper at ``tables.deflections()``."""
     knots = float(curve["out"]) + np.concatenate([[0.0], np.cumsum(curve["steps"])])
     values: Array = np.interp(GRID, np.linspace(0.0, 1.0, len(knots)), knots)
     width = len(GRID) // 12
@@ -183,7 +187,7 @@ def damping(curve: Curve) -> Array:
 
 
 def _ring(rng: Generator) -> Curve:
-    """Hardening and drag of the ring's spring at the deflection under 100 kN."""
+    """Draw relative hardening of the ring's spring and drag at the deflection under 100 kN."""
     return {"growth": float(rng.uniform(0.1, 1.0)), "drag": float(rng.uniform(0.0, 1.0))}
 
 
@@ -222,10 +226,11 @@ FAMILIES: dict[str, Callable[[Generator], Curve]] = {
 
 
 def draw_law(rng: Generator, name: str, law: str) -> dict[str, Any]:
-    """Entries ``law`` and, for a drawn law, ``curve`` of the shape of a cause.
+    """Draw entries ``law`` and, unless it is the catalogue's, ``curve`` of a cause's shape.
 
     Args:
-        law: catalogue, other or both (drawn); an effect without a family has the catalogue's law.
+        law: catalogue, other or both (drawn); an effect without a family has the catalogue's law
+            and no entries.
     """
     other = rng.random() < 0.5 if law == "both" else law == "other"
     if name not in FAMILIES:

@@ -1,4 +1,4 @@
-"""Detectability of an effect in a recording, and residuals of the force law."""
+"""Detectability of causes in a recording, and residuals of the force law."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ _NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")
 
 @dataclass(frozen=True)
 class RunMeasure:
-    """Figures of one run.
+    """Residuals of the force law in one run, and detectability of its causes.
 
     Attributes:
-        nominal, nominal_clean, own, own_clean, floor: RMS residual [N] of the force law over all
-            meshes: with nominal constants, with the rig's own, each with and without noise; the
-            floor is from noise alone.
+        nominal, nominal_clean: RMS residual [N] over all meshes by nominal constants, with and
+            without noise.
+        own, own_clean: the same by the constants of the rig.
+        floor: the same of noise alone.
         d: detectability of each cause: RMS of its force over the RMS of the floor, where it acts.
     """
 
@@ -43,9 +44,11 @@ def measure_run(
     measured: Mapping[str, Array],
     causes: tuple[Cause, ...],
 ) -> RunMeasure:
-    """Residuals of a run and detectability of its causes.
+    """Return the residuals of a run and the detectability of its causes.
 
     Args:
+        rig: constants of the rig.
+        motion: true motion.
         seen: true channels with the faults of sensors.
         quiet: the same after filters, gauges and eccentric gratings.
         measured: the same with noise and quantisation; its difference from ``quiet`` is the floor.
@@ -68,7 +71,7 @@ def _residual(
     channels: Mapping[str, Array],
     off: tuple[Array | float, Array | float],
 ) -> Array:
-    """Residual (n, 12) [N] of the force law, after removal of the rig's own mesh error."""
+    """Return the residual (n, 12) [N] of the force law, with ``off`` subtracted from x and v."""
     x, v, force = (np.stack([channels[name] for name in names], axis=1) for names in _NAMES)
     residual: Array = force - law_force(c, point, phase, x - off[0], v - off[1])
     return residual
@@ -81,7 +84,7 @@ def _d(
     floor: Array,
     channels: tuple[Mapping[str, Array], ...],
 ) -> float:
-    """Detectability of one cause."""
+    """Return the detectability of a cause: RMS of its effect over RMS of the noise there."""
     if "channels" in cause.locus:
         return _d_of_sensor(cause, motion, *channels)
     where = cause.meshes > 0.0
@@ -91,7 +94,7 @@ def _d(
 
 
 def _d_of_bodies(motion: Motion, floor: Array) -> float:
-    """RMS of the additional body forces over the noise of the mesh forces summed on each body."""
+    """Return RMS additional body forces over the noise of the mesh forces summed on each body."""
     mesh = np.mean(floor**2, axis=0)
     sun, ring = mesh[:6].reshape(2, 3), mesh[6:].reshape(2, 3)
     noise = np.empty(N_BODY)
@@ -109,7 +112,7 @@ def _d_of_sensor(
     quiet: Mapping[str, Array],
     measured: Mapping[str, Array],
 ) -> float:
-    """RMS fault of the channels over their noise."""
+    """Return the RMS fault of the channels over the RMS of their noise."""
     true = channels_of(motion)
     names = cause.locus["channels"]
     faults = [rms(seen[name] - true[name]) for name in names]

@@ -1,7 +1,8 @@
 """Kinds of noise: parameters of each part of the measuring chain, drawn from a seed.
 
-One function per kind; it returns the parts that ``chain`` knows: ``drift`` and ``hum`` (shares of
-the noise power, the rest is white), ``filter``, ``encoders``, ``gains`` and ``converter``.
+One function per kind returns the parts that ``chain`` applies: ``drift`` and ``hum`` (with their
+fractions of the noise power; the rest is white), ``filter``, ``encoders``, ``gains`` and
+``converter``.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Parts = dict[str, dict[str, Any]]
 ARC_SECOND = np.pi / 180.0 / 3600.0
-GAIN_TOLERANCE = 0.05  # tolerance of a force gauge
-HARD = 0.4  # share of the power that is not white
+GAIN_TOLERANCE = 0.05  # relative tolerance of the gain of a force gauge
+HARD = 0.4  # fraction of the noise power that is not white in ``coloured_hard``
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Noise:
     Attributes:
         kind: one of ``NOISES``.
         share: RMS of the random noise over the RMS of each channel.
-        share_given: whether ``campaign.yaml`` states that it is white, and its share.
+        share_given: whether ``campaign.yaml`` gives ``share``, which implies white noise.
         parts: parameters of each part of the chain.
     """
 
@@ -40,7 +41,7 @@ class Noise:
 
     @property
     def sensors(self) -> dict[str, dict[str, float]]:
-        """Sensor data given in ``campaign.yaml``."""
+        """Sensor data that ``campaign.yaml`` gives: gain tolerances by channel, or nothing."""
         gains = self.parts.get("gains", {})
         given = gains.get("told", False)
         return {name: {"gain_tolerance": GAIN_TOLERANCE} for name in gains.get("of", {}) if given}
@@ -51,13 +52,13 @@ def _white(_: Generator) -> Parts:
 
 
 def _coloured(rng: Generator) -> Parts:
-    """Drift and hum, each with 0.1 to 0.5 of the RMS of the noise."""
+    """Draw drift and hum, each with 0.1 to 0.5 of the RMS of the noise."""
     drift, hum = rng.uniform(0.1, 0.5, 2) ** 2
     return _drift_and_hum(rng, float(drift), float(hum), 3)
 
 
 def _coloured_hard(rng: Generator) -> Parts:
-    """Drift and hum with together 40 % of the power; the hum has more harmonics of the mains."""
+    """Draw drift and hum with together 40 % of the noise power, the hum with seven harmonics."""
     drift = float(HARD * rng.uniform(0.2, 0.8))
     return _drift_and_hum(rng, drift, HARD - drift, 7)
 
@@ -66,7 +67,7 @@ def _drift_and_hum(rng: Generator, drift: float, hum: float, multiples: int) -> 
     """Draw the parameters of drift (spectral law) and hum (amplitudes of its harmonics).
 
     Args:
-        drift, hum: share of each in the noise power; the rest is white.
+        drift, hum: fractions of the noise power; the rest is white.
         multiples: number of harmonics of the mains in the hum.
     """
     heights = rng.uniform(0.2, 1.0, multiples)
@@ -76,7 +77,7 @@ def _drift_and_hum(rng: Generator, drift: float, hum: float, multiples: int) -> 
 
 
 def _filtered(rng: Generator) -> Parts:
-    """One low-pass for all channels, corner at 10 to 30 omega_n, with a delay of up to 5 us."""
+    """Draw one low-pass for all channels: corner at 10 to 32 omega_n, delay of up to 5 us."""
     return {
         "filter": {
             "order": int(rng.integers(1, 3)),
@@ -96,7 +97,7 @@ def _encoders_two(rng: Generator) -> Parts:
 
 
 def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
-    """Counts per turn, and eccentricity [rad] and its angle for each set and body."""
+    """Draw counts a revolution, and eccentricity [rad] and its angle for each set and body."""
     size = (sets, len(BODIES))
     return {
         "counts": 2 ** int(rng.integers(18, 21)),
@@ -107,14 +108,14 @@ def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
 
 
 def _gauges(rng: Generator, given: bool) -> dict[str, Any]:
-    """Gains of the force gauges, and whether ``campaign.yaml`` gives their tolerance."""
+    """Draw gains of the force gauges; ``given``: whether ``campaign.yaml`` has their tolerance."""
     gains = rng.uniform(1.0 - GAIN_TOLERANCE, 1.0 + GAIN_TOLERANCE, len(MESHES))
     of = {f"F_{m}": float(g) for m, g in zip(MESHES, gains, strict=True)}
     return {"told": given, "of": of}
 
 
 def _quantised(rng: Generator) -> Parts:
-    """Converters of 12 to 16 bits over 1.1 to 2 times the largest value of a quantity."""
+    """Draw converters of 12 to 16 bits over 1.1 to 2 times the largest value of a quantity."""
     bits, room = int(rng.integers(12, 17)), float(rng.uniform(1.1, 2.0))
     return {"converter": {"bits": bits, "room": room}}
 
@@ -124,7 +125,7 @@ def _gains(rng: Generator) -> Parts:
 
 
 def _mixture(rng: Generator) -> Parts:
-    """Two to four of the other kinds at once."""
+    """Draw two to four of five other kinds at once."""
     among = (_coloured, _filtered, _encoders, _quantised, _gains)
     chosen = rng.choice(len(among), int(rng.integers(2, 5)), replace=False)
     parts: Parts = {}
@@ -148,7 +149,7 @@ NOISES: dict[str, Callable[[Generator], Parts]] = {
 
 
 def draw_noise(rng: Generator, kind: str, share: float) -> Noise:
-    """Draw the parameters of a kind of noise; ParameterError for an unknown kind."""
+    """Draw the measuring chain for a kind of noise; ParameterError for an unknown kind."""
     if kind not in NOISES:
         raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {kind!r}")
     return Noise(kind, share, kind == "white", NOISES[kind](rng))

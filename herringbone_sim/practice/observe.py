@@ -29,7 +29,7 @@ class ObservedRun:
 
     Attributes:
         motion: the true motion.
-        measured: channels by name.
+        measured: values (n,) of the channels by name.
         measure: residuals and detectability.
     """
 
@@ -44,7 +44,9 @@ def simulate_run(
     """Simulate run number i of a plan with the given causes.
 
     Args:
-        sampling: if given, the run is not sampled for a filter, which adds no noise.
+        rig: constants of the rig.
+        sampling: cycles of a trial run, which omits the filter, as that adds no noise; None: a
+            full run.
     """
     lags = tuple(c.size for c in causes if c.internal == "sensor_delay")
     drifts = tuple(1e-6 * c.sign * c.size for c in causes if c.internal == "clock_drift")
@@ -69,9 +71,10 @@ def observe_run(
     moved: SimulatedRun,
     most: Mapping[str, float],
 ) -> ObservedRun:
-    """Measure run number i: filter and encoders, then faults, noise, gauges and converters.
+    """Measure run number i: filter and encoders, then faults, gauges, noise and converters.
 
     Args:
+        moved: the simulated run.
         most: largest value of each quantity over the campaign, see ``largest``.
     """
     motion, exact = moved.now, channels_of(moved.now)
@@ -87,7 +90,7 @@ def observe_run(
 def _with_faults(
     causes: tuple[Cause, ...], moved: SimulatedRun, channels: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Channels with the faults of sensors."""
+    """Return the channels with the sensor faults among the causes."""
     seen = dict(channels)
     for cause in causes:
         if KINDS[cause.internal].sense == "sensor":
@@ -97,19 +100,19 @@ def _with_faults(
 
 
 def equipped(p: RigModel, causes: tuple[Cause, ...], point: Mapping[str, float]) -> RigModel:
-    """The rig model with all causes applied."""
+    """Return the rig model with all causes applied, at an operating point."""
     for cause in causes:
         p = KINDS[cause.internal].apply(p, cause, point)
     return p
 
 
 def span_of(point: Mapping[str, float], cycles: int) -> float:
-    """Duration [s] that drifting effects refer to: 1.2 times that of the mesh cycles."""
+    """Return the reference duration [s] of drifting effects: 1.2 times that of the mesh cycles."""
     return float(1.2 * cycles * 2.0 * np.pi / rig_model(NOMINAL, point).omega)
 
 
 def largest(motions: Sequence[Motion]) -> dict[str, float]:
-    """Largest x, v, F, u and a over some runs, by which converter ranges are chosen."""
+    """Return the largest absolute x, v, F, u and a over some runs, which set converter ranges."""
     values = {"x": "x", "v": "v", "F": "force", "u": "u", "a": "a"}
     return {
         short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
@@ -118,5 +121,5 @@ def largest(motions: Sequence[Motion]) -> dict[str, float]:
 
 
 def pooled(measures: Sequence[RunMeasure]) -> float:
-    """Detectability of the first cause over some runs (root mean square)."""
+    """Return the detectability of the first cause over some runs: RMS, at least 1e-9."""
     return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in measures])), 1e-9))

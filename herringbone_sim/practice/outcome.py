@@ -1,4 +1,4 @@
-"""Compare one report with one label."""
+"""Compare one report with the label of its campaign."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")
 VERDICTS = (*OUTSIDE_CATALOGUE, "ambiguous")
 CONFIDENT = 0.5
-RELATIVE_ERROR = "relative error of a size"  # in case.json: of the intervals of its report
+RELATIVE_ERROR = "relative error of a size"  # key in case.json: included in report intervals
 
 # Parameters that measure the size of an effect, and their value without the effect.
 SIZES: dict[str, tuple[tuple[str, ...], float]] = {
@@ -55,24 +55,24 @@ class Outcome:
         truth: true effects, one or two; ``kind``: none, single, pair or unknown.
         strata: d, noise, snr, law, channels, samples of a mesh cycle and regime, as text.
         first: effect with the largest probability; ``p_first``: that probability.
-        right, in_class, in_three: whether the truth is first; first or in the named class; among
-            the first three. Of a pair either effect counts.
+        right, in_class, in_three: whether the truth is first; first or in the ambiguous class;
+            among the first three. Of a pair either effect counts.
         both: for a pair, whether exactly both were named.
-        p_truth: probability on the truth, summed over a pair.
+        p_truth: probability of the truth, summed over a pair.
         brier: sum over causes of (p - truth)^2; NaN for a pair.
         p_unknown: probability of ``unknown``.
-        named: whether the verdict is not ``none``.
+        named: whether ``none`` is neither the verdict nor in the ambiguous class.
         wrong_name: whether a wrong effect was named with a probability of 0.5 or more.
-        locus: whether the locus of the right effect is right; None if there is no right effect.
-        error: relative error of the size; None likewise.
-        covered: for each 90 % interval, whether it holds the truth.
+        locus: whether the locus of a true effect is right; None unless ``right`` for an effect.
+        error: relative error of its size; None likewise, or without a size.
+        covered: for each 90 % interval of its size, whether it contains the true value.
         closure: on held-out runs, None if the report has none.
-        said: effects that the report names, or its verdict.
-        sure: probability of them; ``held``: whether all of them are true.
-        internal: names of the causes in the tables of this package.
+        said: effects that the report names; without any, ``first``.
+        sure: summed probability of ``said``; ``held``: whether all of ``said`` is true.
+        internal: keys of the true causes in ``plan.KINDS``.
         reached: smallest detectability of the causes, infinite without any.
         name: of the campaign.
-        failed: why the diagnosis ended without a report.
+        failed: why the diagnosis ended without a report; empty if it did not.
     """
 
     truth: tuple[str, ...]
@@ -103,7 +103,7 @@ class Outcome:
 
 
 def outcome(label: Json, report: Json, name: str = "") -> Outcome:
-    """Score a report.
+    """Score a report against the label of its campaign.
 
     Raises:
         AnalysisError: probabilities that do not sum to 1, or a report or label that violates the
@@ -163,7 +163,7 @@ def _outcome(label: Json, report: Json, name: str) -> Outcome:
 
 
 def probabilities(report: Json) -> dict[str, float]:
-    """Probability of each effect, summed over its loci; AnalysisError unless they sum to 1."""
+    """Return probabilities of effects, summed over loci; AnalysisError if they don't sum to 1."""
     try:
         causes, _ = report["causes"], report["verdict"]
     except KeyError as error:
@@ -182,7 +182,7 @@ def probabilities(report: Json) -> dict[str, float]:
 
 
 def strata_of(label: Json, kind: str) -> dict[str, str]:
-    """Strata of a case by name; d is the requested one, or ``below`` it."""
+    """Return the strata of a case by name; d is the requested one, or ``below`` it if capped."""
     capped = any(effect.get("capped") for effect in label.get("effects", ()))
     d = "none" if kind == "none" else f"{float(label.get('d_requested', 0.0)):g}"
     return {
@@ -198,13 +198,13 @@ def strata_of(label: Json, kind: str) -> dict[str, str]:
 
 
 def _brier(p: Mapping[str, float], truth: str) -> float:
-    """Brier score of probabilities when one effect is true."""
+    """Return the Brier score of probabilities when one effect is true."""
     others = sum(value**2 for name, value in p.items() if name != truth)
     return others + (1.0 - p.get(truth, 0.0)) ** 2
 
 
 def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
-    """Label entry and reported cause of the right effect with the largest probability, or None."""
+    """Return label entry and reported cause of the most probable true effect, None without one."""
     for cause in sorted(report["causes"], key=lambda one: -float(one["probability"])):
         if cause["effect"] in truth and cause["effect"] not in OUTSIDE_CATALOGUE:
             told = [one for one in label["effects"] if one["effect"] == cause["effect"]]
@@ -213,7 +213,7 @@ def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Jso
 
 
 def _same_place(entry: Json, cause: Json) -> bool:
-    """Whether the channels agree (sensors), or else mesh, planet, side and member."""
+    """Return whether the channels agree (sensors), or mesh, planet, side and reported member."""
     found, true = cause.get("locus") or {}, entry["locus"]
     if "channels" in true:
         said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
@@ -226,7 +226,7 @@ def _same_place(entry: Json, cause: Json) -> bool:
 
 
 def _expanded(name: str, place: Json) -> list[str]:
-    """The channel, or all channels of a quantity (x, v, F) at a place."""
+    """Return the channel, or for a quantity (x, v, F) all of its channels at a place."""
     if name not in ("x", "v", "F"):
         return [name]
     mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
@@ -238,13 +238,13 @@ def _expanded(name: str, place: Json) -> list[str]:
 
 
 def _value(cause: Json, name: str) -> Any:
-    """Value of a parameter, None if it is missing."""
+    """Return the value of a parameter, None if it is missing."""
     entry = (cause.get("parameters") or {}).get(name)
     return entry.get("value") if isinstance(entry, Mapping) else entry
 
 
 def _size_error(entry: Json, cause: Json) -> float | None:
-    """Distance of the reported from the true ``SIZES`` of an effect, over its true size.
+    """Return the distance of reported from true ``SIZES`` of an effect, over its true size.
 
     The true size is the distance from the values without the effect: for a gain of 1.02, 0.02.
 
@@ -269,7 +269,7 @@ def _number(value: Any) -> bool:
 
 
 def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
-    """For each parameter of the size with an interval, whether it holds the truth."""
+    """Return for each ``SIZES`` parameter with an interval whether it contains the true value."""
     held = []
     for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
         entry = (cause.get("parameters") or {}).get(name) or {}
@@ -282,13 +282,14 @@ def _covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
 def size_errors(
     label: Json, report: Json, relative_error: float
 ) -> list[tuple[float, float, float]]:
-    """Errors of the reported size of each true effect, to fit the model error of intervals.
+    """Return the errors of reported sizes of true effects, to fit the model error of intervals.
 
     Of each true effect the most probable reported cause counts if its locus is right, whether or
     not the verdict names it.
 
     Args:
-        relative_error: model error that the intervals contain, over the size: it is taken out.
+        relative_error: model error, relative to the size, that the reported intervals include; it
+            is removed from them.
 
     Returns:
         For each parameter in ``SIZES`` that has a ``ci90``: estimate minus true value, standard

@@ -1,7 +1,7 @@
 """Effects outside the catalogue, which a diagnosis should call unknown.
 
-Those of ``OUTSIDE`` were known when the diagnosis learnt to say ``unknown``. No rule or weight was
-ever tuned on those of ``UNSEEN``, so they show how it treats a cause that nobody anticipated.
+Effects in ``OUTSIDE`` were known when the verdict ``unknown`` was developed. No rule or weight was
+ever tuned on those in ``UNSEEN``, so they show how it treats a cause that nobody anticipated.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _plate(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def _stick_slip(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add dry friction with stick-slip to the output."""
+    """Add dry friction at the output whose force falls with speed, so that it can stick."""
     return p._replace(output=np.array([c.size, c.shape["speed"]]))
 
 

@@ -1,4 +1,4 @@
-"""Main figures of several benches side by side, a row each."""
+"""Main figures of several benches side by side, one row per bench."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ COLUMNS = (
 
 
 def overview_markdown(benches: Mapping[str, Bench]) -> str:
-    """Table of benches by name: value, 95 % interval and number of each of ``COLUMNS``; time.
+    """Return a Markdown table of benches: ``COLUMNS`` with 95 % intervals, and median time.
 
-    Of rigs whose effects all reach d = 3, and of healthy ones; the last row is of all benches.
+    Figures are of healthy rigs and of rigs whose effects all reach d = 3; the last row is of all
+    benches together.
     """
     rows = {name: (list(bench.cases), bench.durations_s) for name, bench in benches.items()}
     cases, durations = zip(*rows.values(), strict=True)
@@ -38,7 +39,7 @@ def overview_markdown(benches: Mapping[str, Bench]) -> str:
 
 
 def _cells(cases: Outcomes, durations_s: Sequence[float], metrics: Sequence[Metric]) -> list[str]:
-    """Texts of a row: numbers of campaigns and of failed ones, figures, time."""
+    """Return the cells of a row: numbers of campaigns and of failed ones, figures, median time."""
     aimed = [case for case in cases if case.reached >= REACHED]
     failed = sum(bool(case.failed) for case in aimed)
     figures = [_cell(row.result, 3) for row in rows_of(aimed, "", metrics)]
@@ -47,7 +48,7 @@ def _cells(cases: Outcomes, durations_s: Sequence[float], metrics: Sequence[Metr
 
 
 def _cell(figure: IntervalEstimate, digits: int) -> str:
-    """Value with its interval and number."""
+    """Return a value with its interval and number of cases as text, ``-`` without cases."""
     if not figure.n:
         return "-"
     value, low, high = (f"{v:.{digits}f}" for v in (figure.value, figure.low, figure.high))

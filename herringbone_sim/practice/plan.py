@@ -29,9 +29,9 @@ KINDS: dict[str, Kind] = {
     **RANDOM_PHYSICS,
 }
 NAMED = (*CATALOGUE, *SENSORS)
-INVISIBLE = {"raw_shafts": ("sensor_bias",)}  # effects that a set of channels can't show
+INVISIBLE = {"raw_shafts": ("sensor_bias",)}  # effects that a channel set can't show
 UNNAMED = (*OUTSIDE, *OUTSIDE_SENSORS)
-RANDOM_SHARE = 0.5  # share of the unknown causes that are random physics, not of ``UNNAMED``
+RANDOM_SHARE = 0.5  # probability that an unknown cause is random physics, not of ``UNNAMED``
 TRUTHS = {"none": 0.2, "single": 0.4, "pair": 0.2, "unknown": 0.2}
 DETECTABILITIES = (1.0, 3.0, 10.0)
 
@@ -52,11 +52,11 @@ FIT_RUNS = 5
 
 @dataclass(frozen=True)
 class RequestedNoise:
-    """Noise that a campaign shall have; what of it is random is drawn with the campaign.
+    """Kind and level of the noise of a campaign; its parameters are drawn with the campaign.
 
     Attributes:
         kind: of ``noise.NOISES``.
-        snr_dB: RMS of a channel over that of its noise.
+        snr_dB: RMS of a channel over that of its noise [dB].
     """
 
     kind: str = "white"
@@ -68,17 +68,17 @@ WHITE_NOISE = RequestedNoise()
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that is drawn before sizes are solved for.
+    """All that is drawn for a campaign before sizes are solved for.
 
     Attributes:
         seed: of all draws.
         d: requested detectability, 0 without effect.
-        snr_dB: RMS of a channel over that of its noise.
+        snr_dB: RMS of a channel over that of its noise [dB].
         noise: the measuring chain.
         samples_per_cycle: of a mesh cycle.
         channels: name of the channel set; ``names``: the recorded channels.
         regime: ``varied`` or ``quiet`` operating points.
-        factors: of the rig's constants, by name.
+        factors: on nominal constants, by name: the rig within its tolerances.
         points: operating point of each run; the first five runs are for the fit.
         phases: mesh phase [rad] of the first sample of each run.
         starts: (runs, 30) initial state of the transient of each run.
@@ -110,11 +110,12 @@ def draw_plan(
     law: str = "both",
     samples_per_cycle: int = SAMPLES_PER_CYCLE,
 ) -> Plan:
-    """Draw a campaign; the truth, if not given, by the shares of ``TRUTHS``.
+    """Draw a campaign from a seed.
 
     Args:
-        truth: none, single, pair, unknown, unseen, random_physics or a kind of effect.
-        d: detectability; one of 1, 3, 10 if not given.
+        truth: none, single, pair, unknown, unseen, random_physics or a kind of effect; None: one
+            of ``TRUTHS``, with the probabilities there.
+        d: requested detectability; None: one of 1, 3, 10.
         noise: its kind and its level.
         channels: a set of ``record.CHANNEL_SETS``.
         regime: ``varied`` or ``quiet`` operating points.
@@ -176,10 +177,10 @@ def _point(rng: Generator, ranges: Any) -> dict[str, float]:
 
 
 def _start(rng: Generator) -> Array:
-    """Draw an initial state (30,): at rest, or in 60 % of the cases with displaced sides.
+    """Draw an initial state (30,): at rest, or in 60 % of the cases with displaced suns, planets.
 
-    Planets start equal to a nanometre. Runs from rest would miss the chaotic motions with
-    different left and right that coexist with regular ones.
+    All planets of a side start equal to a nanometre. Runs from rest would miss the chaotic motions
+    with different left and right that coexist with regular ones.
     """
     start = 1e-9 * rng.normal(size=2 * N_COORDINATE)
     start[9:N_COORDINATE] = start[N_COORDINATE + 9 :] = 0.0
@@ -197,7 +198,7 @@ def _start(rng: Generator) -> Array:
 def _causes(
     rng: Generator, truth: str, names: tuple[str, ...], law: str, named: tuple[str, ...]
 ) -> tuple[Cause, ...]:
-    """Draw the causes of a truth; ``named``: effects that the channels can show."""
+    """Draw the causes for a truth; ``named``: catalogue effects that the channels can show."""
     if truth == "none":
         return ()
     if truth == "pair":
@@ -209,7 +210,7 @@ def _causes(
 
 
 def _pair(rng: Generator, named: tuple[str, ...]) -> tuple[str, str]:
-    """Draw two of the effects ``named`` that can act together."""
+    """Draw two different effects of ``named`` that can act together."""
     while True:
         one, other = (str(name) for name in rng.choice(named, 2, replace=False))
         if not _clash(one, other):
@@ -217,14 +218,20 @@ def _pair(rng: Generator, named: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _clash(first: str, second: str) -> bool:
-    """Whether two effects use the same fields of the rig model, or are both of sensors."""
+    """Return whether two effects use the same fields of the rig model, or are both of sensors."""
     return {first, second} == {"tooth_crack", "tooth_spall"} or (
         first in SENSORS and second in SENSORS
     )
 
 
 def draw_cause(rng: Generator, name: str, names: tuple[str, ...], law: str = "both") -> Cause:
-    """Draw locus, shape and law of an effect; its size is that of the first trial."""
+    """Draw locus, shape and law of an effect; its size is the first one to try.
+
+    Args:
+        name: key of ``KINDS``.
+        names: recorded channels.
+        law: catalogue, other or both.
+    """
     kind = KINDS[name]
     locus, shape = kind.draw(rng, names)
     effect = name if name in NAMED else "unknown"

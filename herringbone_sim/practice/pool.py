@@ -1,4 +1,4 @@
-"""Executor of single-threaded processes, or a Dask cluster."""
+"""Executor of single-threaded processes on this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ LOCAL = Resources()
 
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor, int]]:
-    """Executor and its number of cores.
+    """Context that gives an executor and its number of cores, and ends it at exit.
 
     Processes are spawned, because libraries read the number of threads only at start.
 
@@ -58,7 +58,7 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
 
 
 def _end_quietly() -> None:
-    """Initialise a worker: end on Ctrl-C without a traceback, and when the parent ends."""
+    """Make a worker end on Ctrl-C without a traceback, and when its parent process ends."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

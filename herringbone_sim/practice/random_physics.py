@@ -1,9 +1,9 @@
 """Unknown causes: a random smooth function of the mesh state that changes one quantity.
 
-One to three inputs, a sum of cosines with random directions and wavelengths in their space (A.
-Rahimi, B. Recht, NIPS 20 (2007) 1177), and a target: stiffness, damping, a force, a displacement,
-or a torque on a body that no force sensor measures. Combinations that the catalogue contains
-(stiffness by phase alone, by load alone, ...) are not drawn.
+The function has one to three inputs and is a sum of cosines with random directions and wavelengths
+in their space (A. Rahimi, B. Recht, NIPS 20 (2007) 1177). Its target is a stiffness, a damping, a
+force, a displacement, or a torque on a body that no force sensor measures. Combinations that the
+catalogue contains (stiffness by phase alone, by load alone, ...) are not drawn.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from herringbone_sim.practice.cause import (
 from herringbone_sim.practice.equip import CYCLES
 from herringbone_sim.practice.rig_model import BODIES, RigModel
 
+# "turn": angle of a member's revolution; "own": memory state that follows an input with a lag.
 INPUTS = ("deflection", "rate", "phase", "load", "temperature", "turn", "time", "own")
 TARGETS = ("none", "stiffness", "damping", "force", "displacement", "torque")
 # RMS at size 1; up to size 8 stiffness and damping stay positive nearly everywhere.
 UNITS = {"stiffness": 0.04, "damping": 0.06, "force": 2e3, "displacement": 2e-6, "torque": 3e3}
 UNIT_NAMES = {"stiffness": "-", "damping": "-", "force": "N", "displacement": "m", "torque": "N"}
-WAVES = ("phase", "turn")  # angles: a function has integer multiples of them
-FOLLOWED = ("deflection", "rate")
+WAVES = ("phase", "turn")  # angles: the function contains integer multiples of them
+FOLLOWED = ("deflection", "rate")  # inputs that a memory state can follow
 COSINES = 5
 HIGHEST = {"phase": 3, "turn": 4}
 # Inputs of a displacement: known functions of time, as its rate is needed.
@@ -48,7 +49,7 @@ KNOWN = {
 
 
 def _draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
-    """Draw locus and shape: target, inputs and cosines."""
+    """Draw locus and shape: target, inputs and cosines; member, memory and body where needed."""
     target = str(rng.choice(TARGETS[1:]))
     inputs = _inputs(rng, target)
     heights, weights, angles = _cosines(rng, inputs)
@@ -66,7 +67,7 @@ def _draw(rng: Generator, _: tuple[str, ...]) -> Drawn:
 
 
 def _inputs(rng: Generator, target: str) -> tuple[str, ...]:
-    """Draw one to three inputs that no effect of the catalogue depends on alone."""
+    """Draw one to three inputs, such that the function is no effect of the catalogue."""
     among = CLOCKED if target == "displacement" else INPUTS
     while True:
         chosen = rng.choice(len(among), int(rng.integers(1, 4)), replace=False)
@@ -78,8 +79,8 @@ def _inputs(rng: Generator, target: str) -> tuple[str, ...]:
 def _cosines(rng: Generator, inputs: tuple[str, ...]) -> tuple[Array, Array, Array]:
     """Draw heights (h,), weights (h, inputs) and angles (h,) of the cosines.
 
-    Weights of angles are non-zero integers. The wavelength of other inputs is drawn between half
-    and twice their range.
+    Weights of angles are non-zero integers. Those of other inputs are normal, with a length scale
+    of half to twice the range of the input.
     """
     weights = np.empty((COSINES, len(inputs)))
     for i, name in enumerate(inputs):
@@ -92,9 +93,7 @@ def _cosines(rng: Generator, inputs: tuple[str, ...]) -> tuple[Array, Array, Arr
 
 
 def _length(name: str, rng: Generator) -> float:
-    """Wavelength scale of an input in its unit of the kernel: 10 um, 0.5 m/s, 10 kN, 50 K, the
-    run.
-    """
+    """Draw the length scale of an input in the unit of ``RandomFunction``'s inputs."""
     span = {"time": 0.4, "temperature": 0.6}.get(name, 1.5)
     return float(span * 2.0 ** rng.uniform(-1.0, 1.0))
 
@@ -107,7 +106,7 @@ def _place(rng: Generator) -> dict[str, Any]:
 
 
 def _torque_place(rng: Generator) -> tuple[dict[str, Any], str]:
-    """Draw a body; returns the locus of its meshes, and the body."""
+    """Draw a body, and return the locus of its meshes with its name."""
     body = str(rng.choice(BODIES))
     if body == "c":
         return at(), body
@@ -116,7 +115,7 @@ def _torque_place(rng: Generator) -> tuple[dict[str, Any], str]:
 
 
 def _samples(inputs: tuple[str, ...]) -> Array:
-    """(n, inputs) typical input values, always the same, to centre and scale a function."""
+    """Return fixed samples (n, inputs) of typical inputs, to centre and scale a function."""
     rng = np.random.default_rng(0)
     n = 4000
     drawn = {name: rng.uniform(0.0, 2.0 * np.pi, n) for name in WAVES}
@@ -125,8 +124,9 @@ def _samples(inputs: tuple[str, ...]) -> Array:
 
 
 def function(shape: Any) -> tuple[Array, Array, Array, float]:
-    """Heights, weights (h, 8), angles and mean of the function, scaled to typical mean 0 and RMS
-    1.
+    """Return heights (h,), weights (h, 8), angles (h,) and mean of the function of a shape.
+
+    They are scaled so that the function less ``mean`` has mean 0 and RMS 1 on typical inputs.
     """
     inputs = tuple(shape["inputs"])
     heights, weights, angles = (np.array(shape[n]) for n in ("heights", "weights", "angles"))
@@ -138,7 +138,7 @@ def function(shape: Any) -> tuple[Array, Array, Array, float]:
 
 
 def _apply(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Rig model with the random function."""
+    """Return the rig model with the random function."""
     heights, weights, angles, mean = function(c.shape)
     unit = UNITS[str(c.shape["target"])]
     own = "own" in c.shape["inputs"]

@@ -1,4 +1,4 @@
-"""Most frequent confusions behind each figure of a bench."""
+"""Most frequent confusions behind each figure of a bench, and table rows by cause."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ MOST = 6
 
 
 def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
-    """Sentences on what most often goes wrong in the cases behind a figure of a bench.
+    """Return sentences on what most often goes wrong in the cases behind a figure of a bench.
 
     Args:
         figure: name of the figure, such as ``locus``; see ``score.METRICS``.
-        cases: scored cases; whether they miss the target is not looked at.
+        cases: scored cases; whether they miss the target is not considered.
 
     Returns:
-        Sentences; empty for a figure without such an analysis, or if there is nothing to tell.
+        Empty for a figure without such an analysis, or if nothing goes wrong.
     """
     found = _REASONS.get(figure)
     return found(cases) if found else []
 
 
 def _counted(texts: Sequence[str], head: str) -> list[str]:
-    """A sentence with the most frequent texts and their counts."""
+    """Return a sentence with the most frequent texts and their counts; empty without texts."""
     if not texts:
         return []
     common = Counter(texts).most_common(MOST)
@@ -38,12 +38,12 @@ def _counted(texts: Sequence[str], head: str) -> list[str]:
 
 
 def _name(case: Outcome) -> str:
-    """Names of the causes of a case."""
+    """Return the names of the causes of a case, joined by ``+``."""
     return " + ".join(case.internal) or "none"
 
 
 def _confused(wrong: Callable[[Outcome], bool]) -> Callable[[Sequence[Outcome]], list[str]]:
-    """Function that counts true and first-named effects of the cases with ``wrong``."""
+    """Return a function that counts truth and first effect of the cases that are ``wrong``."""
 
     def tell(cases: Sequence[Outcome]) -> list[str]:
         known = [c for c in cases if c.kind in ("single", "pair") and wrong(c)]
@@ -53,13 +53,13 @@ def _confused(wrong: Callable[[Outcome], bool]) -> Callable[[Sequence[Outcome]],
 
 
 def _named_on_none(cases: Sequence[Outcome]) -> list[str]:
-    """Effects named on rigs without effects."""
+    """Return the effects that reports name on rigs without effects, counted."""
     wrong = [c for c in cases if c.kind == "none" and c.named]
     return _counted([" + ".join(c.said) for c in wrong], "said of empty rigs")
 
 
 def _pairs(cases: Sequence[Outcome]) -> list[str]:
-    """How pairs were named."""
+    """Return how many effects of missed pairs were named, and which, counted."""
     wrong = [c for c in cases if c.kind == "pair" and not c.both]
     shape = [f"{len(set(c.said) & set(c.truth))} of 2 right, {len(c.said)} named" for c in wrong]
     texts = [f"{_name(c)} -> {' + '.join(c.said)}" for c in wrong]
@@ -67,7 +67,7 @@ def _pairs(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _doubted(cases: Sequence[Outcome]) -> list[str]:
-    """Mean probability on the truth, and the cases where it is small."""
+    """Return the mean probability of the truth by kind, and the cases where it is under 0.5."""
     means = {
         kind: [c.p_truth for c in cases if c.kind == kind]
         for kind in ("none", "single", "pair", "unknown")
@@ -78,7 +78,7 @@ def _doubted(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _calibration(cases: Sequence[Outcome]) -> list[str]:
-    """Stated probability against share of right statements, in bins."""
+    """Return stated probability against fraction of true statements, in bins."""
     edges = (0.0, 0.5, 0.7, 0.9, 0.97, 1.0 + 1e-9)
     told = []
     for low, high in pairwise(edges):
@@ -110,7 +110,7 @@ def _errors(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _coverage(cases: Sequence[Outcome]) -> list[str]:
-    """Effects whose intervals miss the truth most often."""
+    """Return the effects whose intervals miss the true value most often."""
     found: dict[str, list[float]] = {}
     for c in cases:
         found.setdefault(c.first, []).extend(float(held) for held in c.covered)
@@ -119,7 +119,7 @@ def _coverage(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _closures(cases: Sequence[Outcome]) -> list[str]:
-    """Cases with a small closure."""
+    """Return the cases of known effects with a closure under 0.7, counted."""
     known = [c for c in cases if c.kind in ("single", "pair")]
     low = [c for c in known if (c.closure or 0.0) < 0.7]
     tied = [f"{_name(c)} -> {' + '.join(c.said)}" for c in low]
@@ -131,7 +131,7 @@ def _closures(cases: Sequence[Outcome]) -> list[str]:
 def _by_effect(
     cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
 ) -> dict[str, list[float]]:
-    """Values of the cases by the effect that was named first."""
+    """Return the values of the cases by most probable effect; None is omitted."""
     found: dict[str, list[float]] = {}
     for c in cases:
         got = value(c)
@@ -141,7 +141,7 @@ def _by_effect(
 
 
 def _ranked(values: dict[str, float], by_effect: dict[str, list[float]], head: str) -> list[str]:
-    """A sentence with the largest values by effect."""
+    """Return a sentence with the largest values by effect."""
     worst = sorted(values, key=lambda name: -values[name])[:MOST]
     told = "; ".join(f"{name} {values[name]:.3f} (n = {len(by_effect[name])})" for name in worst)
     return [f"{head}, worst first: {told}"] if told else []
@@ -168,7 +168,10 @@ _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
 
 
 def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
-    """Table rows by cause: single effects, effects outside the catalogue, none, pairs."""
+    """Return table rows by cause: single effects, effects outside the catalogue, none, pairs.
+
+    Cells: cause, number, right first, in class, locus, errors, closures, most frequent confusions.
+    """
     groups: dict[str, list[Outcome]] = {}
     for c in cases:
         if c.kind == "pair":
@@ -180,7 +183,7 @@ def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
 
 
 def _line(name: str, cases: Sequence[Outcome]) -> list[str]:
-    """Table row of one cause."""
+    """Return the table row of one cause."""
     loci = [c.locus for c in cases if c.locus is not None]
     errors = [c.error for c in cases if c.error is not None]
     closures = [c.closure for c in cases if c.closure is not None]

@@ -1,4 +1,4 @@
-"""Exact channels of a simulated run: encoders and force sensors before noise."""
+"""Simulated motion of a practice rig, and its exact channels before noise."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _RINGS = tuple(f"F_{m}" for m in MESHES if m.startswith("rp"))
 _PINS = ("F_pin1", "F_pin2", "F_pin3")
 GAUGES = 4  # ring gauges; each sees a planet for PASSES mesh cycles
 PASSES = 4.0
-RING_CYCLES = 77.0  # mesh cycles of a turn of the ring against the carrier
+RING_CYCLES = 77.0  # mesh cycles of a revolution of the carrier against the ring
 CHANNEL_SETS = {
     "full": (*_X, *_V, *_F, *_U),
     "no_force": (*_X, *_V),
@@ -56,7 +56,7 @@ CHANNEL_SETS = {
 
 
 def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
-    """Channels of a set; for ``half_forces`` the missing forces are drawn."""
+    """Return the channels of a set, of ``half_forces`` with a random half of the forces."""
     missing: set[str] = set()
     if name == "half_forces":
         missing = {str(one) for one in rng.choice(_F, len(_F) // 2, replace=False)}
@@ -68,9 +68,9 @@ class Sampling:
     """Sampling of a run.
 
     Attributes:
-        transient, cycles: mesh cycles left out, and recorded.
+        transient, cycles: mesh cycles before the recording, and recorded.
         per_cycle: samples of a mesh cycle.
-        drifts: lead of channels with a clock of their own, per time since the first sample.
+        drifts: for each channel clock of another rate, lead per time since the first sample.
         lags: delays [s] of late channels.
         delay: delay of all channels before a filter [s]; None: no filter.
     """
@@ -94,9 +94,9 @@ class Motion:
 
     Attributes:
         times: (n,) [s] from 0; ``phase`` (n,) [rad].
-        x, v, force: (n, 12) as in the recording contract, with the nominal e(t).
-        u: (n, 9) displacements without the linear trend of the rigid rotation; ``a`` their second
-            derivatives [m/s^2].
+        x, v, force: (n, 12) [m], [m/s], [N] as recorded, relative to the nominal e(t).
+        u: (n, 9) displacements [m] without the linear trend of the rigid rotation; ``a`` their
+            second derivatives [m/s^2].
         extra: (n, 9) forces on the bodies other than mesh forces, T_1, T_2 and K [N].
     """
 
@@ -116,9 +116,9 @@ class SimulatedRun:
 
     Attributes:
         now: at the recorded times.
-        before: the same earlier by each lag, or later by each drift.
-        fine: ``Sampling.finer`` times as finely from a cycle before, for a filter; None without
-            one.
+        before: for each lag the motion that much earlier, then for each drift that much later.
+        fine: ``Sampling.finer`` times as finely, from a cycle earlier, as input of a filter; None
+            without one.
     """
 
     now: Motion
@@ -129,11 +129,13 @@ class SimulatedRun:
 def simulate_motion(
     p: RigModel, phase0: float, start: Array, sampling: Sampling | None = None
 ) -> SimulatedRun:
-    """Integrate past the transient and sample.
+    """Integrate a run past its transient and sample it.
 
     Args:
+        p: rig model at the operating point.
         phase0: mesh phase [rad] at the first recorded sample.
         start: (30,) state in which the transient starts.
+        sampling: None: the default of ``Sampling``.
     """
     sampling = sampling or Sampling()
     step = 2.0 * np.pi / sampling.per_cycle / p.omega
@@ -171,7 +173,11 @@ def _motion_at(
     force: Array,
     extra: Array,
 ) -> Motion:
-    """Motion at some of the integrated times."""
+    """Return the motion at samples of an integration.
+
+    ``times`` [s] become the times of the motion; ``own_times`` are those of the integration, which
+    differ for late channels.
+    """
     u, rate = states[:, :N_BODY], states[:, N_COORDINATE : N_COORDINATE + N_BODY]
     e = NOMINAL.e_sp
     x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
@@ -182,7 +188,7 @@ def _motion_at(
 
 
 def geometry(u: Array) -> Array:
-    """Deflections of the meshes without e(t), divided by cos beta, Eqs. (15), (16).
+    """Return the deflections of the meshes without e(t), divided by cos beta, Eqs. (15), (16).
 
     Sun meshes: sun minus planet minus carrier; ring meshes: planet minus carrier.
 
@@ -198,7 +204,7 @@ def geometry(u: Array) -> Array:
 
 
 def without_trend(u: Array, times: Array) -> Array:
-    """u (n, 9) without the linear trend of the rigid rotation, weighted by the nominal masses."""
+    """Return u (n, 9) less the linear trend of the rigid rotation, fitted with nominal masses."""
     rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
     weights = rigid * _nominal_masses()
     along = u @ weights / float(rigid @ weights)
@@ -212,7 +218,7 @@ def _nominal_masses() -> Array:
 
 
 def channels_of(motion: Motion) -> dict[str, Array]:
-    """All exact channels by name, without the head."""
+    """Return all exact channels (n,) by name, except time, phase and operating point."""
     named = {f"x_{m}": motion.x[:, j] for j, m in enumerate(MESHES)}
     named |= {f"v_{m}": motion.v[:, j] for j, m in enumerate(MESHES)}
     named |= {f"F_{m}": motion.force[:, j] for j, m in enumerate(MESHES)}
@@ -223,7 +229,7 @@ def channels_of(motion: Motion) -> dict[str, Array]:
 
 
 def gated(name: str, phase: Array, values: Array) -> Array:
-    """Readings of a ring gauge: NaN outside the cycles in which the planet passes."""
+    """Return the readings (n,) of a ring gauge: NaN except while its planet passes."""
     turn = phase / (2.0 * np.pi) + RING_CYCLES * (int(name[4]) - 1) / 3.0
     seen = turn % (RING_CYCLES / GAUGES) < PASSES
     return np.where(seen, values, np.nan)
@@ -236,11 +242,12 @@ def series_of(
     names: tuple[str, ...],
     channels: str,
 ) -> TimeSeries:
-    """The recording: head and the measured channels of a set, as its sensors read them.
+    """Return the recording: time, phase, operating point and the channels of a set.
 
     Args:
-        channels: name of the set. Ring gauges see only passing planets; raw angles of shafts lack
-            their mean and the line that is taken off as the steady rotation.
+        names: channels of the set.
+        channels: name of the set. Gauges of ``shafts_rings`` only see passing planets; angles of
+            ``raw_shafts`` lack their mean and linear trend.
     """
     n = len(motion.times)
     if channels == "raw_shafts":
@@ -257,7 +264,10 @@ def series_of(
 
 
 def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, v: Array) -> Array:
-    """k(t) f(x) + c v (n, 12) [N] of a rig without effects."""
+    """Return the mesh forces k(t) f(x) + c v (n, 12) [N] of a rig without effects.
+
+    ``x`` and ``v`` (n, 12) [m], [m/s] are relative to its e(t), see ``own_error_shift``.
+    """
     p = rig_model(c, point)
     half = half_backlash(c, point["delta_T"])
     flank = x - np.clip(x, -half, half)
@@ -267,14 +277,17 @@ def law_force(c: Constants, point: Mapping[str, float], phase: Array, x: Array, 
 
 
 def own_error_shift(c: Constants, point: Mapping[str, float], phase: Array) -> tuple[Array, Array]:
-    """Part of the rig's own e(t), beyond the nominal one, in recorded x and v (n, 12)."""
+    """Return e(t) of a rig less the nominal e(t), and its rate: (n, 12) [m], [m/s].
+
+    Subtracted from recorded x and v, they give those of the rig.
+    """
     p = rig_model(c, point)
     off = p.error - NOMINAL.e_sp
     return off * np.sin(phase)[:, None], off * p.omega * np.cos(phase)[:, None]
 
 
 def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[str, float]:
-    """Shares of samples in drive and back contact, for sun and ring meshes."""
+    """Return fractions of samples in drive and back contact, for sun and ring meshes, by name."""
     half = half_backlash(c, point["delta_T"])
     dx, _ = own_error_shift(c, point, motion.phase)
     drive, back = motion.x - dx > half, motion.x - dx < -half
@@ -287,7 +300,7 @@ def contact(c: Constants, point: Mapping[str, float], motion: Motion) -> dict[st
 
 
 def period(motion: Motion, per_cycle: int) -> int:
-    """Mesh cycles after which all x repeat, at most 12; 0 if none.
+    """Return the mesh cycles after which all x repeat, at most 12; 0 if they do not.
 
     They repeat if no x in the second half of the run differs from that so many cycles later by
     1e-3 of the RMS or more.

@@ -46,7 +46,7 @@ class Constants:
     gamma: float = 1.18e-5
 
     def scaled(self, factors: Mapping[str, float]) -> Constants:
-        """The same rig with some constants multiplied by factors."""
+        """Return the rig with some constants multiplied by factors."""
         return replace(self, **{name: getattr(self, name) * f for name, f in factors.items()})
 
 
@@ -57,7 +57,7 @@ class RandomFunction(NamedTuple):
     """A random smooth function at a mesh, sum of h cosines, and the quantity that it changes.
 
     Inputs, 8: deflection over 10 um, rate over 0.5 m/s, mesh phase [rad], spring force over 10 kN,
-    delta_T over 50 K, angle of a member's turn [rad], share of the run, memory state.
+    delta_T over 50 K, angle of a member's revolution [rad], time over ``span``, memory state.
     """
 
     target: int  # see ``random_physics.TARGETS``; 0: none
@@ -66,11 +66,11 @@ class RandomFunction(NamedTuple):
     weights: Array  # (h, 8) of the inputs
     angles: Array  # (h,) [rad]
     mean: float  # subtracted from the sum
-    cycles: float  # mesh cycles of the turn
+    cycles: float  # mesh cycles of the member's revolution
     temperature: float  # delta_T over 50 K
-    body: int  # coordinate that the body's force acts on
+    body: int  # coordinate that a force on a body acts on
     own_rate: float  # 1/s at which the memory state follows its input; 0: no memory state
-    own_input: int  # index of that input
+    own_input: int  # index of that input: 0 deflection, 1 rate
 
 
 class RigModel(NamedTuple):
@@ -79,63 +79,63 @@ class RigModel(NamedTuple):
     mass: Array  # (15,) I / r_b^2 [kg]
     free: Array  # (15,) 1 where a coordinate moves
     stiffness: Array  # [N/m]
-    k_cos: Array  # (h, 12) harmonics of k as shares, as many as there are
+    k_cos: Array  # (h, 12) relative harmonics of k by mesh order
     k_sin: Array  # (h, 12)
-    k_half: Array  # share of k at half the mesh order
-    k_drift: Array  # relative growth of k until the end of the run
-    phase_by_load: Array  # shift of k by load [rad]
-    shift_cos: Array  # of the phase shift of k and e together
+    k_half: Array  # relative harmonic of k at half the mesh order
+    k_drift: Array  # relative growth of k at the time ``span``
+    phase_by_load: Array  # phase shift of k under large load [rad]
+    shift_cos: Array  # cosine of the phase shift of k and e together
     shift_sin: Array
     error: Array  # amplitude of e [m]
-    p_cos: Array  # (h, 12) further errors by mesh order [m]
+    p_cos: Array  # (h, 12) additional errors by mesh order [m]
     p_sin: Array  # (h, 12)
-    offset: Array  # further constant error [m]
-    turn_cycles: Array  # mesh cycles a turn of the member that runs out
-    turn_cos: Array  # (h, 12) further errors by orders of that turn [m]
+    offset: Array  # additional constant error [m]
+    turn_cycles: Array  # mesh cycles a revolution of the member that runs out
+    turn_cos: Array  # (h, 12) additional errors by orders of that revolution [m]
     turn_sin: Array  # (h, 12)
-    event: Array  # (5, 12) cycles a turn, start, width [cycles], depth [-], height [m]
+    event: Array  # (5, 12) cycles a revolution, begin, width [cycles], depth [-], height [m]
     window: Array  # (2, N_TABLE) shape of an event over its width, as ``tables.table`` gives it
     half_backlash: Array  # b' of the drive flank [m]
     half_back: Array  # b' of the back flank [m]
     rounding: Array  # width over which a flank comes into contact [m]
-    hertz: Array  # exponent of the spring's force
-    bent: Array  # 1 where ``bend`` holds
-    bend: Array  # (2, N_TABLE) factor of the spring's force by deflection
+    hertz: Array  # exponent of the spring force by deflection
+    bent: Array  # 1 where ``bend`` applies
+    bend: Array  # (2, N_TABLE) factor on the spring force by deflection
     damping: Array  # [N s/m]
-    c_share: Array  # share of the damping that depends on contact or load
-    c_power: Array  # (2,) its power of the deflection, deflection [m] where it is 1
+    c_share: Array  # fraction of the damping that depends on contact or load
+    c_power: Array  # (2,) power of the deflection that it has, deflection [m] where that is 1
     c_curve: Array  # (2, N_TABLE) instead of the power: table by deflection; (2, 0) without
-    c_out: float  # its share that acts out of contact
-    cross: Array  # share of the other side's spring force
-    friction: Array  # coefficient at low sliding speed
-    pitch: float  # where the sliding turns [rad]
-    rub: Array  # (2, N_TABLE) friction over a mesh cycle from there; (2, 0): the sign of sliding
+    c_out: float  # factor on that fraction out of contact
+    cross: Array  # fraction of the other side's spring force that is added
+    friction: Array  # coefficient of friction
+    pitch: float  # mesh phase [rad] at which the sliding changes its sign
+    rub: Array  # (2, N_TABLE) factor on it over a mesh cycle; (2, 0): the sign of sliding
     ring: Array  # (4,) spring [N/m], damper [N s/m], their growth [1/m^2], [s/m] of the ring
-    support: Array  # (5,) clearance, spring, damper, width of its ends [m], growth [1/m^2]
-    plate: Array  # (2,) spring and damper of the carrier's right plate
-    output: Array  # (2,) stick force [N] and speed [m/s] of the output
+    support: Array  # (5,) of a pin: clearance, spring, damper, width of contact, growth [1/m^2]
+    plate: Array  # (2,) spring [N/m], damper [N s/m] of the carrier's right plate
+    output: Array  # (2,) friction force [N] and reference speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier
     gyro: float  # skew coupling of sun and planet 1, left [N s/m]
-    hysteresis: Array  # share of the spring force with the sign of the velocity
+    hysteresis: Array  # relative change of the spring force with the sign of the velocity
     c_square: Array  # relative growth of the damping at 1 m/s
-    film: Array  # damping of the gap next to a flank, as a multiple of that of the mesh
-    k_turn: Array  # variation of k once a turn of the sun, as a share
-    k_second: Array  # share of k that a second pair adds, once it touches
+    film: Array  # additional damping close to a flank, relative to ``damping``
+    k_turn: Array  # relative variation of k once a revolution of the sun
+    k_second: Array  # relative increase of k by a second tooth pair that touches under load
     bar: float  # preloaded torsion spring between the halves of the sun [N/m]
     windage: float  # drag on each planet by its rate squared [N s2/m2]
-    ripple_order: float  # a turn of the sun to ground
-    ripple: Array  # (2, h) cosines and sines of its multiples, shares of T_1
+    ripple_order: float  # first order of ``ripple`` by the sun's revolution in the inertial frame
+    ripple: Array  # (2, h) cosines and sines of multiples of that order, relative to T_1
     random: RandomFunction
     drive: float  # T_1 / (2 r_bs) [N] on each sun half
     brake: float  # T_2 / r_bc [N]
     control: float  # amplitude on the carrier [N]
     cos_beta: float
     omega: float  # mesh frequency [rad/s]
-    span: float  # duration [s] that drifting effects refer to
+    span: float  # reference duration [s] of drifting effects
 
 
 def radii() -> tuple[float, float, float, float]:
-    """Base radii of sun, planet, ring and carrier [m]."""
+    """Return the base radii of sun, planet, ring and carrier [m]."""
     m_t = 4e-3 / np.cos(np.radians(16.0))
     cos_alpha = np.cos(np.arctan(np.tan(np.radians(20.0)) / np.cos(np.radians(16.0))))
     r_s, r_p, r_r = (float(m_t * z / 2.0 * cos_alpha) for z in (27, 25, 77))
@@ -143,13 +143,13 @@ def radii() -> tuple[float, float, float, float]:
 
 
 def omega_n() -> float:
-    """Natural frequency [rad/s] of the nominal gear, Eq. (17)."""
+    """Return the natural frequency [rad/s] of the nominal gear, Eq. (17)."""
     r_s, r_p, _, _ = radii()
     return float(np.sqrt(NOMINAL.k_sp * (r_s**2 / NOMINAL.I_s + r_p**2 / NOMINAL.I_p)))
 
 
 def half_backlash(c: Constants, delta_T: float) -> Array:
-    """b' (12,) [m], Eqs. (2), (3)."""
+    """Return the half-backlash b' (12,) [m] at a temperature rise delta_T [K], Eqs. (2), (3)."""
     m_t = 4e-3 / np.cos(np.radians(16.0))
     strain = delta_T * c.gamma
     lever = np.sin(np.radians(20.0)) / 2.0
@@ -158,10 +158,10 @@ def half_backlash(c: Constants, delta_T: float) -> Array:
 
 
 def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> RigModel:
-    """Rig without effects at an operating point (delta_T [K], K, T_1 [N m], Omega).
+    """Return a rig without effects at an operating point (delta_T [K], K, T_1 [N m], Omega).
 
     Args:
-        span: duration [s] that drifting effects refer to.
+        span: reference duration [s] of drifting effects.
     """
     r_s, r_p, r_r, r_c = radii()
     m_s, m_pl, m_r = c.I_s / r_s**2, c.I_p / r_p**2, c.I_r / r_r**2
@@ -233,7 +233,7 @@ def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Ri
 
 
 def no_random_function(delta_T: float) -> RandomFunction:
-    """Random function that acts nowhere."""
+    """Return a random function that acts nowhere."""
     none = np.zeros(0)
     zero = np.zeros(N_MESH)
     return RandomFunction(

@@ -1,4 +1,4 @@
-"""Score of many reports: every figure with its interval, by strata."""
+"""Figures of merit of a bench from many scored reports: each with its interval, by strata."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CELL = ("noise", "law", "channels", "d")
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure: its function of the outcomes, and its target range."""
+    """A figure of merit, computed from the outcomes, and its target range ``least .. most``."""
 
     name: str
     compute: Callable[[Outcomes], IntervalEstimate]
@@ -37,7 +37,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Row:
-    """A figure in a stratum."""
+    """A figure of merit in a stratum, with its target range ``least .. most``."""
 
     figure: str
     stratum: str
@@ -54,12 +54,12 @@ class Row:
 
 
 def of_kind(cases: Outcomes, *kinds: str) -> list[Outcome]:
-    """Outcomes whose truth is of the given kinds."""
+    """Return the outcomes whose truth is of the given kinds, see ``Outcome.kind``."""
     return [case for case in cases if case.kind in kinds]
 
 
 def _share(name: str, *kinds: str) -> Callable[[Outcomes], IntervalEstimate]:
-    """Function that gives the share of an attribute over the outcomes of some kinds."""
+    """Return a function: fraction of outcomes of some kinds whose attribute ``name`` is true."""
     return lambda cases: share([getattr(case, name) for case in of_kind(cases, *kinds)])
 
 
@@ -97,7 +97,7 @@ def _coverage(cases: Outcomes) -> IntervalEstimate:
 
 
 def _closures(cases: Outcomes) -> Array:
-    """Closure (n,) of rigs with a known effect; 0 if the report has none."""
+    """Return the closure (n,) of rigs with a known effect; 0 if the report has none."""
     return np.array([case.closure or 0.0 for case in of_kind(cases, "single", "pair")])
 
 
@@ -126,7 +126,7 @@ METRICS = (
 
 
 def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
-    """Name and cases of each stratum."""
+    """Return name and cases of each stratum."""
     return [
         (f"{name}: {value}", [case for case in cases if case.strata[name] == value])
         for name in STRATA
@@ -135,15 +135,15 @@ def strata(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
 
 
 def rows_of(cases: Outcomes, stratum: str, metrics: Sequence[Metric] = METRICS) -> list[Row]:
-    """Every figure of a stratum, with 95 % intervals.
+    """Return the figures of a stratum, with 95 % intervals.
 
-    Calibration compares the probability of what a report says with whether all of it is true.
+    The calibration error compares the probability of all that a report says with its truth.
     """
     return [Row(m.name, stratum, m.compute(cases), m.least, m.most) for m in metrics]
 
 
 def write_table(rows: Sequence[Row], file: Path) -> None:
-    """Write the figures as CSV."""
+    """Write the figures to a CSV file."""
     with file.open("w", newline="", encoding="utf-8") as handle:
         table = csv.writer(handle)
         table.writerow(["stratum", "figure", "value", "low_95", "high_95", "n", "target", "met"])
@@ -155,7 +155,7 @@ def write_table(rows: Sequence[Row], file: Path) -> None:
 
 
 def target(row: Row) -> str:
-    """Target of a row as text, such as ``0.85 .. 0.95`` or ``<= 0.02``."""
+    """Return the target of a row as text, ``0.85 .. 0.95`` or ``<= 0.02``; empty if none."""
     least, most = np.isfinite(row.least), np.isfinite(row.most)
     if least and most:
         return f"{row.least:g} .. {row.most:g}"

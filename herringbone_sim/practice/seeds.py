@@ -1,4 +1,4 @@
-"""Seeds of campaigns: as text, and those that the weights of the judge were fitted on."""
+"""Seeds of campaigns: parsed from text, and compared with those of the weights of the judge."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.recording.safe_yaml import read_yaml
 
 @dataclass(frozen=True)
 class Frozen:
-    """Weights file: path, hash, and the seeds it was fitted on as ranges [first, last + 1)."""
+    """Weights file: path, SHA-256, and the seeds it was fitted on as ranges [first, last + 1)."""
 
     path: Path
     sha256: str
@@ -22,7 +22,7 @@ class Frozen:
 
 @dataclass(frozen=True)
 class SeedOverlap:
-    """Overlap of the seeds with those that the weights of the judge were fitted on.
+    """Seeds of a bench that the weights of the judge were fitted on.
 
     Attributes:
         frozen: the weights file, None if there is none.
@@ -34,7 +34,7 @@ class SeedOverlap:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Seeds from ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
+    """Return the seeds of ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
 
     Raises:
         ParameterError: another form, a negative seed, or none.
@@ -54,7 +54,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def frozen(file: Path | None = None) -> Frozen | None:
-    """Weights file of the package, or the given one; None if there is none.
+    """Read path, hash and seeds of a weights file, by default the package's; None if missing.
 
     Raises:
         AnalysisError: the file does not give its seeds as pairs [first, last + 1].

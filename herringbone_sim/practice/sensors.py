@@ -20,7 +20,7 @@ UNITS_OF_BIAS = {"x": 5e-5, "u": 5e-5, "v": 1.5, "F": 3e4, "a": 5e4}
 
 
 def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
-    """Locus of some channels: the mesh of the first one, and the names."""
+    """Return the locus of some channels: the mesh of the first channel, and the names of all."""
     first = channels[0]
     prefix, _, place = first.partition("_")
     mesh = prefix in "xvF" and place in MESHES
@@ -29,16 +29,17 @@ def channel_locus(channels: tuple[str, ...]) -> dict[str, Any]:
 
 
 def draw_channel(rng: Generator, among: tuple[str, ...]) -> Drawn:
-    """Draw one of the channels, and sign, unit and frequency of its fault."""
+    """Draw one of the channels, and sign, unit and frequency [Hz] of its fault."""
     name = str(rng.choice(list(among)))
     shape = {"sign": draw_sign(rng), "unit_of_size": UNITS_OF_BIAS[name[0]]}
     return channel_locus((name,)), shape | {"hertz": float(rng.uniform(900.0, 1900.0))}
 
 
 def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
-    """Draw two channels of one quantity: carrier and a sun, or sun and ring mesh of a planet.
+    """Draw two channels of one quantity to swap; the shape is empty.
 
-    Where these are not recorded: any two of the quantity.
+    They are those of carrier and a sun, or of sun and ring mesh of a planet; where these are not
+    recorded, any two of the quantity.
     """
     quantities = sorted({name[0] for name in among})
     one = str(rng.choice(quantities))
@@ -55,10 +56,10 @@ def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
 
 
 def draw_recorder(rng: Generator, among: tuple[str, ...]) -> Drawn:
-    """Draw the channels of a recorder of its own, and a sign.
+    """Draw a group of channels that has a separate clock, and the sign of its drift.
 
-    They are of one quantity: those of both kinds of mesh or of one, of both sides or of one, but
-    not all that is recorded; no drift of one clock shows within it. A lone channel is its own.
+    The group has one quantity, one or both mesh kinds and one or both sides, but not all recorded
+    channels, as a common drift is not visible. If only one channel is recorded, it is drawn.
     """
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     quantities = sorted({name[0] for name in among})
@@ -71,19 +72,20 @@ def draw_recorder(rng: Generator, among: tuple[str, ...]) -> Drawn:
 
 
 def _of(name: str, kind: str, side: str) -> bool:
-    """Whether a channel belongs to a kind of mesh and to a side; ``all``: to any or none."""
+    """Return whether a channel is of a mesh kind (``all``: or of bodies) and of a side."""
     mesh = "sp" if "_sp" in name else "rp" if "_rp" in name else ""
     return kind in ("all", mesh) and (side == "all" or name.endswith(f"_{side}"))
 
 
 def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Array]) -> Channels:
-    """Channels with the fault: all names of ``exact``.
+    """Return all channels with the fault of a sensor.
 
-    Channels of a clock of their own show what was later by ``ppm`` of the time since the first
-    sample; earlier if it is negative.
+    Gains and biases vary slowly over the run. Channels with a separate clock show the motion later
+    by ``ppm`` millionths of the time since the first sample, earlier if that is negative.
 
     Args:
-        before: the motion a delay earlier, or by the other clock, if needed.
+        before: the motion earlier by a delay, or by the separate clock; None for other faults.
+        exact: channels (n,) without the fault, by name.
     """
     seen: Channels = dict(exact)
     names = c.locus["channels"]
@@ -113,13 +115,13 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
 
 
 def _neighbour(name: str, among: Mapping[str, Array]) -> str:
-    """The next channel of the same quantity, as the source of crosstalk."""
+    """Return the next channel of the same quantity, as the source of crosstalk."""
     alike = [other for other in among if other[0] == name[0]]
     return alike[(alike.index(name) + 1) % len(alike)]
 
 
 def _missing_codes(values: Array, size: float) -> Array:
-    """Values rounded to steps of ``size`` RMS with every third code missing."""
+    """Return values rounded to steps of ``size`` times their RMS, every third code missing."""
     step = size * rms(values)
     code = np.floor(values / step)
     lost = np.mod(code, 3.0) == 1.0
@@ -130,7 +132,7 @@ def _missing_codes(values: Array, size: float) -> Array:
 def sensor_kind(
     start: float, cap: float, parameters: Any, draw: Any = draw_channel, least: float = 0.0
 ) -> Kind:
-    """A fault of sensors, which leaves the rig model as it is; see ``Kind`` for the arguments."""
+    """Return a fault of sensors as ``Kind``, which leaves the rig model as it is."""
     return Kind("sensor", start, cap, draw, lambda p, c, _: p, parameters, least)
 
 

@@ -1,6 +1,6 @@
 """Compiled functions of a mesh of the practice rig: displacement, backlash, spring, damper.
 
-They share nothing with the simulator's kernel: absolute coordinates in SI units.
+They share nothing with the kernel of ``core``: absolute coordinates in SI units.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ compiled: Any = njit(cache=True, **COMPILED)
 
 
 def _read(table: Array, z: float) -> tuple[float, float]:
-    """Value and slope by z of a table at z in 0..1, clamped at its ends."""
+    """Return value and slope d/dz of a ``tables.table`` at z, clamped to 0..1."""
     cells = table.shape[1] - 1
     at = min(max(z, 0.0), 1.0) * cells
     i = min(int(at), cells - 1)
@@ -43,7 +43,7 @@ read: Any = compiled(_read)
 
 
 def _by_depth(table: Array, depth: float) -> float:
-    """Value of a table by deflection [m]."""
+    """Return the value of a table at a deflection [m]."""
     value: float = read(table, depth / (depth + HALFWAY) / LARGEST)[0]
     return value
 
@@ -52,7 +52,7 @@ by_depth: Any = compiled(_by_depth)
 
 
 def _window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
-    """Event of mesh m in 0..1 and its slope by phase [1/rad]; 0 outside its width."""
+    """Return the strength of the tooth event of mesh m (0 outside of it) and its slope [1/rad]."""
     z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
     if z >= 1.0:
         return 0.0, 0.0
@@ -64,9 +64,10 @@ window: Any = compiled(_window)
 
 
 def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
-    """Displacement subtracted from the deflection of mesh m [m], and its slope by phase [m/rad].
+    """Return the displacement [m] subtracted from the deflection of mesh m, and its slope [m/rad].
 
-    It is e(t) with the displacements by effects, which encoders do not measure.
+    It is e(t) plus the displacements by effects, which encoders do not measure; the slope is by
+    mesh phase. ``cos`` and ``sin`` are of the phase with the shift of the mesh.
     """
     value, slope = p.error[m] * sin + p.offset[m], p.error[m] * cos
     c, s = cos, sin
@@ -95,7 +96,7 @@ displaced: Any = compiled(_displaced)
 
 
 def _flank(x: float, drive: float, back: float, rounding: float) -> float:
-    """Backlash function, Eq. (1), its corners rounded over a width [m]."""
+    """Return the backlash function, Eq. (1), of x [m], its corners rounded over a width [m]."""
     if rounding == 0.0:
         return x - drive if x > drive else (x + back if x < -back else 0.0)
     ahead: float = x - drive + np.sqrt((x - drive) ** 2 + rounding**2)
@@ -109,7 +110,7 @@ flank: Any = compiled(_flank)
 def _spring(
     p: RigModel, m: int, f: float, phase: float, cos: float, sin: float, t: float
 ) -> float:
-    """Spring force [N] of mesh m at the deflection f [m]."""
+    """Return the spring force [N] of mesh m at the deflection f [m]."""
     if p.phase_by_load[m] != 0.0:
         turn = p.phase_by_load[m] * np.tanh(abs(f) / 1e-5)
         cos, sin = cos * np.cos(turn) - sin * np.sin(turn), sin * np.cos(turn) + cos * np.sin(turn)
@@ -139,7 +140,7 @@ spring: Any = compiled(_spring)
 
 
 def _damper(p: RigModel, m: int, f: float, v: float) -> float:
-    """Damping force [N], a share of which depends on contact or load."""
+    """Return the damping force [N] of mesh m at deflection f [m] and rate v [m/s]."""
     if p.c_share[m] == 0.0:
         return float(p.damping[m] * v)
     depth = abs(f)
@@ -164,7 +165,7 @@ def _random_function(
     t: float,
     own: float,
 ) -> tuple[float, float]:
-    """The random function at a mesh state, and for a displacement its slope by phase."""
+    """Return the random function at a mesh state and, for a displacement, its slope by phase."""
     q = p.random
     value, slope = -q.mean, 0.0
     turn, share = phase / q.cycles, t / p.span
@@ -185,8 +186,8 @@ random_function: Any = compiled(_random_function)
 def _rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
     """Add the sliding friction of mesh m to the forces ``extra`` on the bodies [N].
 
-    Lever arms of involute flanks: tan alpha_t and the distance from the pitch point over the base
-    radius.
+    Lever arms over the base radius, of involute flanks: tan alpha_t and the distance from the
+    pitch point.
     """
     turn = (phase - p.pitch) / TWO_PI
     s = turn - np.floor(turn + 0.5)

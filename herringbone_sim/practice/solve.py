@@ -16,22 +16,27 @@ from herringbone_sim.practice.rig_model import NOMINAL, Constants
 NEAR = 0.08  # accepted error of log d
 TRIES = 8
 SHORT = Sampling(30, 40)  # mesh cycles of the trial runs
-SHORT_OF_RING = Sampling(30, 78)  # a turn of the ring is 77
+SHORT_OF_RING = Sampling(30, 78)  # a revolution against the ring has 77 cycles
 Solved = tuple[tuple[Cause, float], ...]
 Tries = list[tuple[float, float]]
 
 
 def solve_plan(plan: Plan) -> Solved:
-    """Causes with the sizes that give the plan's detectability, and the detectability reached."""
+    """Return the causes with sizes for the plan's detectability, and the detectability of each.
+
+    Raises:
+        DivergenceError: the state leaves the range of any gear at every size of a cause.
+    """
     rig = NOMINAL.scaled(plan.factors)
     return tuple(solve_size(plan, rig, cause) for cause in plan.causes)
 
 
 def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
-    """The cause at the size that gives the plan's detectability, and the detectability reached.
+    """Return the cause at the size for the plan's detectability, and the detectability reached.
 
     The size is sought with short runs by following the slope of log d over log size, then
-    corrected once with full runs; it stays within the limits of its kind.
+    corrected once with full runs; it stays within the limits of its kind. The detectability after
+    that correction is extrapolated.
 
     Raises:
         DivergenceError: the state leaves the range of any gear at every size tried.
@@ -55,7 +60,7 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
 
 
 def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
-    """Sizes tried with short runs, and the detectability of each."""
+    """Return the sizes tried with short runs, and detectabilities; diverged ones are omitted."""
     kind, tries, size = KINDS[cause.internal], Tries(), KINDS[cause.internal].start
     sampling = SHORT_OF_RING if cause.shape.get("member") == "ring" else SHORT
     for _ in range(TRIES):
@@ -72,7 +77,7 @@ def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
 
 
 def _slope(tries: Tries) -> float:
-    """Slope of log d over log size from the last two trials, limited to 0.4 .. 2.5."""
+    """Return the slope of log d over log size from the last two trials, limited to 0.4 .. 2.5."""
     if len(tries) < 2 or tries[-2][0] == tries[-1][0]:
         return 1.0
     (size, d), (before, d_before) = tries[-1], tries[-2]
@@ -80,12 +85,12 @@ def _slope(tries: Tries) -> float:
 
 
 def _next(size: float, d: float, wanted: float, slope: float) -> float:
-    """Next size by the slope, changed by at most a factor of ten."""
+    """Return the next size by the slope, changed by at most a factor of ten."""
     return size * float(np.clip((wanted / max(d, 1e-6)) ** (1.0 / slope), 0.1, 10.0))
 
 
 def _detectability(plan: Plan, rig: Constants, cause: Cause, sampling: Sampling) -> float | None:
-    """Detectability over the fit runs; None if one of them leaves the range of any gear."""
+    """Return the detectability of a cause alone in the fit runs; None if one of them diverges."""
     alone = replace(plan, causes=(cause,))
     found = []
     try:

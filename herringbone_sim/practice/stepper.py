@@ -48,13 +48,13 @@ def _run(
     extra: Array,
     depth: Array,
 ) -> int:
-    """Fill states (n, 30 or 42), force (n, 12) and extra (n, 15) at the times; returns samples
-    filled.
+    """Integrate, and fill states (n, 30 or 42), force (n, 12) and extra (n, 15) at the times.
+
+    Returns the number of samples filled, fewer than n if the motion diverges. ``y`` is changed.
     """
     n = y.size
     half = p.mass.size
     t, h = times[0], 1e-2 / p.omega
-    # A velocity of x is about omega_n = 3e4 1/s times x.
     rate(p, t, phase0, y, slopes[0], force[0], extra[0], depth)
     for k in range(times.size):
         while t < times[k]:
@@ -74,6 +74,7 @@ def _run(
                 off = 0.0
                 for g in range(7):
                     off += error[g] * slopes[g, j]
+                # Rates are about omega_n = 3e4 1/s times displacements.
                 scale = 1e-4 if j < half else (3.0 if j < 2 * half else 1.0)
                 worst = max(worst, abs(step * off) / scale)
             ratio = worst / tolerance
@@ -110,7 +111,7 @@ def _accelerate(
     depth: Array,
     accelerations: Array,
 ) -> None:
-    """Write second derivatives (n, 9) of the bodies into ``accelerations``."""
+    """Write the second derivatives (n, 9) of the bodies into ``accelerations``."""
     half = p.mass.size
     for i in range(times.size):
         # Pass the phase at t = 0 and the time, as some laws depend on time alone.
@@ -123,7 +124,7 @@ accelerate: Any = compiled(_accelerate)
 
 
 def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Array:
-    """Second derivatives (n, 9) of the bodies [m/s^2] at states (n, 30 or 42)."""
+    """Return the second derivatives (n, 9) of the bodies [m/s^2] at times, phases and states."""
     found = np.empty((len(states), N_BODY))
     scratch = np.zeros(states.shape[1]), np.zeros(N_MESH), np.zeros(p.mass.size)
     accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), found)
@@ -133,11 +134,11 @@ def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Arr
 def integrate(
     p: RigModel, phase0: float, y: Array, times: Array, tolerance: float = 1e-7
 ) -> tuple[Array, Array, Array]:
-    """States (n, 30 or 42), mesh forces (n, 12) and extra forces (n, 15) at times (n,) [s].
+    """Return states (n, 30 or 42), mesh forces (n, 12) and extra forces (n, 15) at times (n,) [s].
 
     Args:
         phase0: mesh phase [rad] at t = 0.
-        y: (30,) coordinates [m] then rates [m/s] at the first time; not changed.
+        y: (30,) coordinates [m], then rates [m/s] at the first time; not changed.
         tolerance: local error relative to 0.1 mm, 3 m/s, and 1 for memory states; the default is
             0.02 N at a mesh, far below the noise of sensors.
 

@@ -1,4 +1,4 @@
-"""Read a stored bench: outcomes of the diagnosis and of the baselines, with seals checked."""
+"""Read a bench folder: outcomes of the diagnosis and of the baselines, with seals checked."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Bench:
 
     Attributes:
         note: content of ``bench.json``.
-        cases: of the diagnosis; ``rivals``: of each baseline.
+        cases: of the diagnosis; ``rivals``: of each baseline, by name.
         sealed: number of labels.
-        sources: digest of the diagnosis's sources -> number of its reports.
-        durations_s: time of each diagnosis [s].
+        sources: number of reports by digest of the diagnosis's sources.
+        durations_s: time of each diagnosis that did not fail [s].
         left_out: number of seeds without a campaign.
     """
 
@@ -38,11 +38,11 @@ class Bench:
 
 
 def read_bench(folder: Path) -> Bench:
-    """Read all finished cases of a folder and check each label against its seal.
+    """Read all finished cases of a bench folder and check each label against its seal.
 
     Raises:
         AnalysisError: no finished case, or a report that violates the schema.
-        RecordingError: a label that was changed.
+        RecordingError: a label was changed.
     """
     done = finished(folder)
     if not done:
@@ -75,13 +75,13 @@ def read_bench(folder: Path) -> Bench:
 def stored_evidence(
     folder: Path,
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence, float]]:
-    """Yield label, report, evidence and relative error of each finished campaign, to fit weights.
+    """Yield label, report, evidence and relative error of each finished campaign with evidence.
 
     The relative error is the model error of sizes that the intervals of the report contain.
 
     Raises:
-        RecordingError: a label that was changed.
-        AnalysisError: evidence of another version of the diagnosis.
+        RecordingError: a label was changed.
+        AnalysisError: ``case.json`` has no relative error (older version), or can't be read.
     """
     for name, sealed in finished(folder).items():
         record = read_json(folder / "reports" / name / "evidence.json")

@@ -44,23 +44,23 @@ FIRST_AT_ONE = replace(next(m for m in METRICS if m.name == "right effect first"
 
 
 def aimed(cases: Outcomes) -> list[Outcome]:
-    """Cases that the targets are for (``AIM``), rigs without effects included."""
+    """Return the cases that the targets apply to (``AIM``), rigs without effects included."""
     return [case for case in cases if _usual(case) and case.reached >= REACHED]
 
 
 def at_one(cases: Outcomes) -> list[Outcome]:
-    """Cases of known effects at d = 1."""
+    """Return the cases with d = 1 (``AT_ONE``), causes outside the catalogue included."""
     return [case for case in cases if _usual(case) and case.strata["d"] == "1"]
 
 
 def _usual(case: Outcome) -> bool:
-    """Whether a case has white noise of 40 dB, all channels and 24 samples of a mesh cycle."""
+    """Return whether a case has white noise of 40 dB, all channels, 24 samples of a mesh cycle."""
     usual = {"noise": "white", "snr": "40 dB", "channels": "full", "samples": "24"}
     return all(case.strata[name] == value for name, value in usual.items())
 
 
 def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
-    """Name and cases of each combination of noise, law, channels and d."""
+    """Return name and cases of each combination of noise, law, channels and d."""
     found: dict[str, list[Outcome]] = {}
     for case in cases:
         found.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
@@ -68,7 +68,7 @@ def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
 
 
 def bench_rows(bench: Bench) -> list[Row]:
-    """All figures of the diagnosis and of the baselines, as rows of the CSV file."""
+    """Return all figures of the diagnosis and the baselines, as rows of the CSV file."""
     rows = rows_of(aimed(bench.cases), AIM)
     rows += rows_of(at_one(bench.cases), AT_ONE, [FIRST_AT_ONE])
     for name, cases in bench.rivals.items():
@@ -79,12 +79,16 @@ def bench_rows(bench: Bench) -> list[Row]:
 
 
 def _untargeted(rows: Sequence[Row]) -> list[Row]:
-    """Copies of all rows with their targets removed: ``least`` -inf, ``most`` inf."""
+    """Return copies of rows without targets: ``least`` -inf, ``most`` inf."""
     return [replace(row, least=-np.inf, most=np.inf) for row in rows]
 
 
 def table_markdown(bench: Bench, seed_overlap: SeedOverlap | None = None) -> str:
-    """The table as Markdown."""
+    """Return the table of a bench as Markdown.
+
+    Args:
+        seed_overlap: marks the seeds as seen while calibrating if it holds any; None: not checked.
+    """
     cases = bench.cases
     parts = [_title_part(bench, seed_overlap), _aim_part(bench), _one_part(cases)]
     parts += [_why_part(aimed(cases)), _strata_part(cases), _cell_part(cases)]
@@ -93,12 +97,7 @@ def table_markdown(bench: Bench, seed_overlap: SeedOverlap | None = None) -> str
 
 
 def _title_part(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
-    """Title of the table as Markdown, then numbers of campaigns, seeds, setting and run times.
-
-    Args:
-        bench: the stored bench.
-        seed_overlap: marks the seeds as seen while calibrating if it holds any; None: not checked.
-    """
+    """Return the title as Markdown, then numbers of campaigns, seeds, setting and times."""
     note = bench.note
     frozen = note.get("calibration") or {}
     known = f"{frozen['file']} {frozen['sha256'][:16]}" if frozen else "no file of thresholds"
@@ -123,7 +122,7 @@ def _title_part(bench: Bench, seed_overlap: SeedOverlap | None) -> str:
 
 
 def _setting(setting: Mapping[str, Any]) -> str:
-    """Setting of the bench as text."""
+    """Return the setting of the bench as text."""
     return "; ".join(
         f"{name} {', '.join(map(str, value)) if isinstance(value, list) else value or 'by shares'}"
         for name, value in setting.items()
@@ -131,7 +130,7 @@ def _setting(setting: Mapping[str, Any]) -> str:
 
 
 def _aim_part(bench: Bench) -> str:
-    """Section on the cases that the targets are for."""
+    """Return the section on the cases that the targets apply to, empty without such cases."""
     names = list(bench.rivals)
     inside = aimed(bench.cases)
     if not inside:
@@ -146,7 +145,7 @@ def _aim_part(bench: Bench) -> str:
 
 
 def _one_part(cases: Outcomes) -> str:
-    """Section on the cases at d = 1."""
+    """Return the section on the cases at d = 1, empty without such cases."""
     inside = at_one(cases)
     if not inside:
         return ""
@@ -157,7 +156,7 @@ def _one_part(cases: Outcomes) -> str:
 
 
 def _row_cells(row: Row) -> list[str]:
-    """Text cells of a row."""
+    """Return the text cells of a row."""
     mark = {True: "met", False: "MISSED", None: ""}[row.met]
     r = row.result
     span = f"{r.low:.3f} .. {r.high:.3f}" if np.isfinite([r.low, r.high]).all() else ""
@@ -169,7 +168,7 @@ def _value(figure: IntervalEstimate) -> str:
 
 
 def _why_part(cases: Outcomes) -> str:
-    """Section on each missed target: the strata that miss it, and what goes wrong there."""
+    """Return the section on missed targets: strata that miss each, and what is wrong there."""
     found = []
     for metric, row in zip(METRICS, rows_of(cases, AIM), strict=True):
         if row.met is not False:
@@ -186,7 +185,7 @@ def _why_part(cases: Outcomes) -> str:
 
 
 def _strata_part(cases: Outcomes) -> str:
-    """Tables of every figure by stratum."""
+    """Return a table of every figure for each kind of stratum."""
     parts = []
     for name in STRATA:
         values = sorted({case.strata[name] for case in cases})
@@ -204,7 +203,7 @@ def _strata_part(cases: Outcomes) -> str:
 
 
 def _cell_part(cases: Outcomes) -> str:
-    """Section with a line for each combination of noise, law, channels and d."""
+    """Return the section with a line for each combination of noise, law, channels and d."""
     metrics = [metric for metric in METRICS if metric.name in OF_CELLS]
     lines = []
     for name, inside in cells(cases):
@@ -216,13 +215,13 @@ def _cell_part(cases: Outcomes) -> str:
 
 
 def _cause_part(cases: Outcomes) -> str:
-    """Table by cause."""
+    """Return the table by cause."""
     head = ["cause", "n", "right first", "in class", "locus", "error", "closure", "else named"]
     return "## All campaigns by cause\n\n" + markdown(head, by_cause(cases))
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table with aligned columns."""
+    """Return a Markdown table with aligned columns."""
     rows = [list(head), *(list(line) for line in lines)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     texts = [
@@ -234,7 +233,7 @@ def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 def write_cases(cases: Outcomes, file: Path) -> None:
-    """Write one row per campaign as CSV."""
+    """Write one row per campaign to a CSV file."""
     with file.open("w", newline="", encoding="utf-8") as handle:
         table = csv.writer(handle)
         rows = [_case_row(case) for case in cases]
@@ -243,7 +242,7 @@ def write_cases(cases: Outcomes, file: Path) -> None:
 
 
 def _case_row(case: Outcome) -> dict[str, Any]:
-    """Cells of a case by column."""
+    """Return the cells of a case by column."""
     texts = {name: " + ".join(getattr(case, name)) for name in ("truth", "internal", "said")}
     rest = {name: value for name, value in vars(case).items() if name not in ("strata", *texts)}
     given = {name: value for name, value in case.strata.items() if name != "truth"}

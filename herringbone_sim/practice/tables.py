@@ -12,25 +12,28 @@ from herringbone_sim.practice.rig_model import N_TABLE
 
 GRID: Array = np.linspace(0.0, 1.0, N_TABLE)
 HALFWAY = 2e-5  # deflection [m] f at which z = f / (f + HALFWAY) is 1/2
-LARGEST = 0.96  # z at the end of a table: f = 0.48 mm
+LARGEST = 0.96  # z at the end of a table by deflection: f = 0.48 mm
 
 
 def table(values: Array) -> Array:
-    """(2, n) values and slopes times the grid step of a monotonicity-preserving interpolation."""
+    """Return the table (2, n) of a curve: values, and slopes times the grid step.
+
+    The slopes are those of a monotonicity-preserving cubic interpolation.
+    """
     grid = np.linspace(0.0, 1.0, len(values))
     slopes = PchipInterpolator(grid, values).derivative()(grid)
     return np.stack([values, slopes / (len(values) - 1)])
 
 
 def deflections() -> Array:
-    """Deflections [m] at the nodes of a table by deflection."""
+    """Return the deflections (N_TABLE,) [m] at the nodes of a table by deflection."""
     z = LARGEST * GRID
     found: Array = HALFWAY * z / (1.0 - z)
     return found
 
 
 def wave(parts: Any, count: int) -> tuple[Array, Array]:
-    """Cosines and sines (count,) of terms ``(order, a, angle)``: a cos(order phase - angle)."""
+    """Return cosines, sines (count,) of terms (order, a, angle): a cos(order phase - angle)."""
     cos, sin = np.zeros((2, count))
     for order, amplitude, angle in parts:
         cos[int(order) - 1] += amplitude * np.cos(angle)

@@ -1,7 +1,7 @@
 """One case of the bench: its plan, its label, and the reports of diagnosis and baselines.
 
-``label_of_seed`` and ``diagnose_case`` run in processes of their own and return texts; they write
-nothing.
+``label_of_seed`` and ``diagnose_case`` run in worker processes and return texts; they write no
+files.
 """
 
 from __future__ import annotations
@@ -39,17 +39,19 @@ from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 
 FAILED = "failed"
-LEAST_SAMPLES = 4  # of a mesh cycle
+LEAST_SAMPLES = 4  # fewest samples of a mesh cycle
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Values that campaigns are drawn from; each seed draws one of each list.
+    """Values that campaigns are drawn from; each seed draws one value of each tuple.
 
     Attributes:
         snr_dB, noise: level and kind of the noise, see ``plan.RequestedNoise``.
-        channels, d, regime, law, samples_per_cycle: as in ``plan.draw_plan``.
-        truth: none, single, pair, unknown, unseen or a kind of effect; None draws it.
+        channels, d, regime, truth, law, samples_per_cycle: as in ``plan.draw_plan``.
+
+    Raises:
+        ParameterError: an empty tuple, or a value out of range.
     """
 
     snr_dB: tuple[float, ...] = (40.0,)
@@ -78,7 +80,7 @@ class Setting:
 
 
 def plan_of(setting: Setting, seed: int) -> Plan:
-    """Plan of a seed; ParameterError for an unknown value."""
+    """Draw the plan of a seed; ParameterError for an unknown value."""
     rng = np.random.default_rng([seed, 0xBE])
     # The order of the draws decides what a seed means.
     d, snr_dB = float(rng.choice(setting.d)), float(rng.choice(setting.snr_dB))
@@ -89,7 +91,7 @@ def plan_of(setting: Setting, seed: int) -> Plan:
 
 
 def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:
-    """Text of the label of a seed, or None and the reason."""
+    """Return the text of the label of a seed and ``""``, or None and why its rig diverges."""
     try:
         return label_text(make_campaign(plan_of(setting, seed)).label), ""
     except DivergenceError as error:
@@ -97,7 +99,7 @@ def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:
 
 
 def remade(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -> PracticeCampaign:
-    """Make the campaign of a sealed label again.
+    """Make the campaign of a sealed label again, without solving for sizes.
 
     Raises:
         RecordingError: its seal differs: the generator changed, or the machine.
@@ -115,10 +117,10 @@ def remade(seed: int, setting: Setting, label: Mapping[str, Any], sealed: str) -
 def diagnose_case(
     seed: int, setting: Setting, label: Mapping[str, Any], sealed: str
 ) -> dict[str, str]:
-    """Texts of the files of a case, ``report.json`` last.
+    """Diagnose a campaign, and return the texts of its files by name, ``report.json`` last.
 
     The label is used to make the campaign; the diagnosis gets the recordings only. If it fails,
-    the report says ``failed`` with certainty, which counts as wrong.
+    the report says ``failed`` with certainty, which counts as wrong, and there is no evidence.
     """
     made = remade(seed, setting, label, sealed)
     plain = {
@@ -150,7 +152,7 @@ def diagnose_case(
 
 
 def failure_report(rig: str, error: Exception) -> dict[str, Any]:
-    """Report of a failed diagnosis, which counts as wrong."""
+    """Return the report of a failed diagnosis, which counts as wrong."""
     cause = {"effect": FAILED, "locus": {}, "probability": 1.0, "parameters": {}}
     return {
         "campaign": rig,
@@ -165,10 +167,9 @@ def failure_report(rig: str, error: Exception) -> dict[str, Any]:
 
 @functools.cache
 def sources() -> str:
-    """Digest of everything a verdict depends on: the diagnosis, its weights, effects and the
-    model.
+    """Return a digest of all that a verdict depends on: diagnosis, weights, effects and model.
 
-    Computed once per process, which does not reload changed files.
+    Computed once per process, as loaded modules do not change with their files.
     """
     package = Path(__file__).parents[1]
     own = sorted(

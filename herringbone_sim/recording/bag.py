@@ -19,7 +19,7 @@ CHUNK_SIZE = 1 << 20
 LIBRARY = "herringbone_sim"
 METADATA_NAME = "metadata.yaml"
 METADATA_VERSION = 9
-# In ``custom_data``: files that were missing when the run was recovered, one a line.
+# Key in ``custom_data``: names of the files that were missing at a recovery, one per line.
 MISSING_KEY = "herringbone_sim_missing_files"
 
 
@@ -29,9 +29,10 @@ class Topic:
 
     Attributes:
         name: full name of the topic.
-        type_name: such as ``std_msgs/msg/String``.
+        type_name: message type, such as ``std_msgs/msg/String``.
         definition: message definition in ``schema_encoding``.
-        metadata: of the channel: ``offered_qos_profiles`` and ``topic_type_hash``.
+        schema_encoding, message_encoding: as MCAP names them.
+        metadata: channel metadata: ``offered_qos_profiles`` (YAML) and ``topic_type_hash``.
     """
 
     name: str
@@ -43,7 +44,7 @@ class Topic:
 
     @classmethod
     def of(cls, name: str, kind: MessageType, qos: Mapping[str, Any]) -> Topic:
-        """Topic with one publisher that has the quality of service ``qos``."""
+        """Make a topic with one publisher whose QoS profile is ``qos``, see ``qos_profile``."""
         metadata = {
             "offered_qos_profiles": dump_yaml([dict(qos)]),
             "topic_type_hash": kind.type_hash,
@@ -53,7 +54,7 @@ class Topic:
 
 @dataclass
 class Tally:
-    """Number of messages of one topic and the first and last of their log times [ns]."""
+    """Number of messages of one topic, and their earliest and latest log time [ns]."""
 
     topic: Topic
     count: int = 0
@@ -61,7 +62,7 @@ class Tally:
     last_ns: int = 0
 
     def add(self, log_ns: int) -> None:
-        """Count one message."""
+        """Count one message with log time ``log_ns`` [ns]."""
         self.first_ns = min(self.first_ns, log_ns) if self.count else log_ns
         self.last_ns = max(self.last_ns, log_ns) if self.count else log_ns
         self.count += 1
@@ -70,10 +71,10 @@ class Tally:
 def split_metadata(
     files: Mapping[str, Sequence[Tally]], missing: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Content of ``rosbag2_bagfile_information`` with all the keys that rosbag2 requires.
+    """Return the content of ``rosbag2_bagfile_information`` with all keys that rosbag2 requires.
 
     Args:
-        files: tallies of each file of the bag by its name, in the order of time.
+        files: file name -> tallies of its topics, for the files of the bag in time order.
         missing: names of files of the bag that no longer exist.
     """
     every = [tally for tallies in files.values() for tally in tallies]
@@ -92,9 +93,9 @@ def split_metadata(
 
 
 def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
-    """Duration, start and message count in rosbag2's keys.
+    """Return duration, start time and message count under the keys of rosbag2.
 
-    Each call builds new objects: YAML would write anchors for shared ones, which rosbag2 does not.
+    Each call builds new objects, because YAML would write shared objects as anchors and aliases.
     """
     used = [tally for tally in tallies if tally.count]
     first_ns = min((tally.first_ns for tally in used), default=0)
@@ -107,7 +108,7 @@ def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
 
 
 def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
-    """Tallies per topic, summed over all files."""
+    """Return one tally per topic with the message count over all files, without times."""
     found: dict[str, Tally] = {}
     for tally in tallies:
         whole = found.setdefault(tally.topic.name, Tally(tally.topic))
@@ -116,7 +117,7 @@ def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
 
 
 def _topic_metadata(tally: Tally) -> dict[str, Any]:
-    """Entry of one topic in ``topics_with_message_count``."""
+    """Return the entry of one topic in ``topics_with_message_count``."""
     topic = tally.topic
     qos = parse_yaml(topic.metadata.get("offered_qos_profiles", "")) or []
     return {
@@ -132,7 +133,12 @@ def _topic_metadata(tally: Tally) -> dict[str, Any]:
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
-    """Write ``metadata.yaml`` atomically; raises OSError."""
+    """Write ``metadata.yaml`` into a bag folder atomically; raises OSError.
+
+    Args:
+        folder: folder of the bag.
+        information: content as from ``split_metadata``.
+    """
     part = folder / f"{METADATA_NAME}.part"
     try:
         with part.open("w", encoding="utf-8") as stream:
@@ -148,14 +154,14 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 class Bag:
     """Writer of one MCAP file of a bag.
 
-    Compressed with lz4, which on float64 samples takes a third of the time of the zstd of
-    ``mcap``. Every method may raise OSError, or FileLostError if the file was deleted, replaced or
-    cut by another program; after that only ``end`` (for a file that was moved), ``close`` and
-    ``abandon`` may be called.
+    Chunks are compressed with lz4, which on float64 samples takes a third of the time of the zstd
+    of ``mcap``. Every method may raise OSError, or FileLostError if another program deleted,
+    replaced, cut or moved the file; after an error only ``end`` (for a file that was moved),
+    ``close`` and ``abandon`` may be called.
     """
 
     def __init__(self, path: Path) -> None:
-        """Create ``path``, which must not exist."""
+        """Create the file ``path``, which must not exist, and write the MCAP header."""
         self._stream = GuardedFile(path)
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=LIBRARY)
@@ -174,16 +180,16 @@ class Bag:
 
     @property
     def size(self) -> int:
-        """Bytes in the file so far."""
+        """Size of the file [bytes], without messages that are still buffered."""
         return self._stream.position
 
     @property
     def tallies(self) -> tuple[Tally, ...]:
-        """Message counts by topic."""
+        """Message count and log times of each topic, in the order of ``add_topic``."""
         return tuple(self._tallies.values())
 
     def add_topic(self, topic: Topic) -> int:
-        """Register a topic and return its channel number."""
+        """Register a topic and return its channel number, for ``write``."""
         key = (topic.type_name, topic.definition)
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(
@@ -196,21 +202,21 @@ class Bag:
         return channel
 
     def write(self, channel: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
-        """Append a message."""
+        """Append a serialised message to a channel; log and publish time in ns."""
         tally = self._tallies[channel]
         self._writer.add_message(channel, log_ns, message, publish_ns, sequence=tally.count)
         tally.add(log_ns)
         self._stream.whole = self._stream.position
 
     def flush(self) -> None:
-        """Write all messages to the disk, so that they survive a kill and a power cut."""
+        """Write all buffered messages to the disk, so that they survive a kill and a power cut."""
         self._stream.check()
         self._writer.flush()
         self._stream.whole = self._stream.position
         self._stream.check()
 
     def add_record(self, name: str, content: Mapping[str, str]) -> None:
-        """Append a metadata record."""
+        """Append an MCAP metadata record."""
         self._writer.add_metadata(name, dict(content))
 
     def rename(self, path: Path) -> None:
@@ -218,7 +224,7 @@ class Bag:
         self._stream.rename(path)
 
     def check(self) -> FileIdentity:
-        """Identity and size of the file; FileLostError if it is not what was written."""
+        """Return identity and size of the file; FileLostError if it was changed from outside."""
         return self._stream.check()
 
     def end(self, file_name: str | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Read and write campaigns: a folder of runs of one rig with their operating points."""
+"""Read and write ``campaign.yaml``: the runs of one rig with operating points and roles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
 POINT = ("delta_T", "K", "T_1", "Omega")
 ROLES = ("fit", "held_out")
-# Faulty entries that an error message lists with their reason.
+# Number of invalid entries that an error message lists with their reason.
 MOST_LISTED = 3
 # Longest file name of common file systems.
 MOST_OF_A_NAME = 255
@@ -24,7 +24,7 @@ FIELDS = f"path, role ({' or '.join(ROLES)}) and {', '.join(POINT)}"
 
 @dataclass(frozen=True)
 class CampaignRun:
-    """One run: its folder, operating point (delta_T [K], K, T_1 [N m], Omega) and role."""
+    """Folder, operating point (delta_T [K], K, T_1 [N m], Omega) and role of a run."""
 
     path: Path
     point: Mapping[str, float]
@@ -36,11 +36,13 @@ class Campaign:
     """Runs of one rig.
 
     Attributes:
-        rig: its name.
-        noise_share: RMS of the noise as a share of the RMS of each channel; None if unknown.
-        runs: in the order of the file.
-        faults: (path, reason) of the invalid entries, which were left out.
-        sensors: data of single channels: name -> {rms, step, gain_tolerance, corner_hz}.
+        rig: name of the rig.
+        noise_share: RMS of the noise over the RMS of a channel, the same for all channels; None
+            if unknown.
+        runs: valid runs in the order of the file.
+        faults: (path, reason) of each invalid entry; it is not in ``runs``.
+        sensors: channel -> known values of its sensor, such as ``rms`` of the noise [SI unit of
+            the channel] and the relative ``gain_tolerance``.
     """
 
     rig: str
@@ -53,10 +55,11 @@ class Campaign:
 def read_campaign(folder: Path) -> Campaign:
     """Read ``campaign.yaml`` of a folder.
 
-    An entry without path, role or operating point is left out and listed in ``faults``.
+    An entry with an invalid path, role or operating point, or with a path or folder name that
+    occurred before, is left out and listed in ``faults``.
 
     Raises:
-        RecordingError: no such file, no valid run in it, or an invalid share of noise.
+        RecordingError: no such file, no valid run in it, or invalid noise or sensor data.
     """
     file = folder / "campaign.yaml"
     try:
@@ -93,13 +96,13 @@ def write_campaign(
     noise: Mapping[str, Any] | None = None,
     sensors: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``campaign.yaml``; raises OSError.
+    """Write ``campaign.yaml`` into a folder; raises OSError.
 
     Args:
-        folder: of the runs.
-        rig: its name.
-        entries: path, operating point and role of each run.
-        noise, sensors: content of these keys; None if unknown.
+        folder: existing folder of the campaign.
+        rig: name of the rig.
+        entries: for each run a mapping with ``path``, ``role`` and the names in ``POINT``.
+        noise, sensors: values of these keys; None to leave the key out.
     """
     content = {"rig": rig, "noise": noise, "sensors": sensors, "runs": list(entries)}
     content = {name: value for name, value in content.items() if value is not None}
@@ -108,7 +111,7 @@ def write_campaign(
 
 
 def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list[tuple[str, str]]]:
-    """Valid runs of the entries, and (name, reason) of the others."""
+    """Return the valid runs, and (name, reason) of each invalid or repeated entry."""
     runs: list[CampaignRun] = []
     faults = []
     for i, entry in enumerate(entries):
@@ -131,7 +134,7 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
 
 
 def _entry_name(entry: Any, i: int) -> str:
-    """Name of an entry for messages: its path, or its number if it has no valid path."""
+    """Return the name of entry i for messages: its path, or its number without a valid path."""
     path = entry.get("path") if isinstance(entry, dict) else None
     try:
         return f"entry {i}" if path is None else _name(path)
@@ -140,7 +143,7 @@ def _entry_name(entry: Any, i: int) -> str:
 
 
 def _name(value: object) -> str:
-    """Name of a rig, or of the folder of a run; ValueError if it can't be one."""
+    """Return a value as the name of a rig or of a run folder; ValueError if it is invalid."""
     odd = value is None or isinstance(value, (bool, list, dict))
     if odd or len(str(value)) > MOST_OF_A_NAME or not str(value).isprintable():
         raise ValueError(
@@ -151,7 +154,7 @@ def _name(value: object) -> str:
 
 
 def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
-    """Run from one entry; TypeError or ValueError if it is invalid."""
+    """Parse one entry; TypeError or ValueError if it is invalid."""
     if not isinstance(entry, Mapping):
         raise TypeError("an entry is a mapping of names to values")
     lacking = [name for name in ("path", "role", *POINT) if name not in entry]
@@ -167,7 +170,7 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
 
 
 def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
-    """Data of single channels as floats; RecordingError if they are not numbers."""
+    """Return the values of each sensor as floats; RecordingError if not numbers, or rms <= 0."""
     try:
         found = {
             str(name): {str(key): float(value) for key, value in one.items()}
@@ -185,7 +188,7 @@ def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
 
 
 def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:
-    """``noise.rms_share``, None if it is missing; RecordingError unless it lies in 0 .. 1."""
+    """Return ``noise.rms_share``, None if missing; RecordingError unless between 0 and 1."""
     share = noise.get("rms_share")
     if share is None:
         return None

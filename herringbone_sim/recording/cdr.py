@@ -1,7 +1,7 @@
-"""CDR, the serialisation of ROS 2 messages, without ROS.
+"""Serialise and parse CDR, the byte format of ROS 2 messages, without ROS.
 
-Written little endian; both byte orders are read. Alignment is counted from the end of the four
-bytes of the encapsulation header.
+Messages are written little endian; both byte orders are read. Alignment is counted from the end of
+the encapsulation header, which has four bytes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _ORDERS = {0: ">", 1: "<"}
 
 
 class CdrWriter:
-    """Serialises fields one after the other with their padding."""
+    """Serialise fields one after the other, with their padding, into ``buffer``."""
 
     def __init__(self) -> None:
         self.buffer = bytearray(ENCAPSULATION)
 
     def pack(self, code: str, *values: object) -> None:
-        """Append values of the struct format ``code``, aligned to its last type."""
+        """Append values of the struct format ``code``, aligned to the width of its last type."""
         width = struct.calcsize(f"<{code[-1]}")
         self.buffer += bytes(-(len(self.buffer) - 4) % width)
         self.buffer += struct.pack(f"<{code}", *values)
@@ -50,15 +50,19 @@ class CdrWriter:
             self.text(value)
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
-        """Append a sequence of numbers of the struct type ``code``."""
+        """Append a sequence of numbers of the struct type ``code``, preceded by its length."""
         self.pack("I", len(values))
         if len(values):
             self.pack(f"{len(values)}{code}", *values)
 
 
 class CdrReader:
-    """Reads fields one after the other in the byte order of the message; see ``checked`` for
-    errors.
+    """Parse the fields of a message one after the other, in its byte order.
+
+    A message that is cut or not UTF-8 raises errors that ``checked`` turns into RecordingError.
+
+    Raises:
+        RecordingError: the message does not start with the header of plain CDR.
     """
 
     def __init__(self, message: Buffer) -> None:
@@ -102,21 +106,19 @@ class CdrReader:
         return [self.text() for _ in range(self.scalar("I"))]
 
     def array(self, dtype: str, count: int) -> NDArray[np.generic]:
-        """Read ``count`` numbers of a NumPy type, as a view."""
+        """Read ``count`` numbers of a NumPy type such as ``f8``, as a view of the message."""
         kind = np.dtype(self.order + dtype)
         if count:
             self.align(kind.itemsize)
         return np.frombuffer(self.raw(count * kind.itemsize), dtype=kind)
 
     def doubles(self) -> Array:
-        """Read a sequence of float64: a view, or a copy if the byte order is not that of this
-        machine.
-        """
+        """Read a sequence of float64, as a view if the message has native byte order."""
         return self.array("f8", self.scalar("I")).astype(np.float64, copy=False)
 
 
 def checked(decode: Callable[[Buffer], T]) -> Callable[[Buffer], T]:
-    """Decorator: ``decode`` raises RecordingError for a message that is cut or not UTF-8."""
+    """Decorate a decoder: for a message that is cut or not UTF-8 it raises RecordingError."""
 
     @wraps(decode)
     def guarded(message: Buffer) -> T:

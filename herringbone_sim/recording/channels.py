@@ -13,7 +13,7 @@ from herringbone_sim.recording.safe_json import JsonError, parse_json
 
 # Twice what the largest number of channels needs, at some hundred characters a channel.
 MOST_CHARACTERS = 4 << 20
-# This package writes five levels.
+# Deepest nesting accepted; this package writes five levels.
 MOST_LEVELS = 32
 # Longest name, unit or version [characters].
 MOST_IN_A_WORD = 100
@@ -33,15 +33,15 @@ class StoredState:
 
 @dataclass(frozen=True)
 class Channels:
-    """Content of the ``channels`` message; fields that are missing or invalid there are empty.
+    """Content of the ``channels`` message; missing or invalid fields have their defaults.
 
     Attributes:
         content: the whole message as plain JSON with finite numbers.
         source, model, version: program that recorded the run, its model and its version.
-        units: by channel name.
-        parameters: of the gear, by name.
-        state: at the first sample; None if unknown.
-        clock: of the sensors at the first sample.
+        units: channel name -> unit; empty for a channel without one.
+        parameters: values of the gear by name, with ``effects`` if it has any.
+        state: state at the first sample; None if unknown.
+        clock: clock of the sensors at the first sample.
     """
 
     content: Mapping[str, Any] = field(default_factory=dict)
@@ -55,11 +55,11 @@ class Channels:
 
 
 def read_channels(text: str) -> tuple[Channels, list[str]]:
-    """Content of a ``channels`` message, and a sentence on each invalid part.
+    """Parse a ``channels`` message; return its content and a sentence on each invalid field.
 
     Raises:
-        RecordingError: no JSON object, one beyond the limits of size and depth, or numbers that
-            JSON does not have.
+        RecordingError: the text is no JSON object, exceeds the limits on size or depth, or has
+            numbers that are not finite.
     """
     content = _parsed(text)
     parts: dict[str, Any] = {}
@@ -77,7 +77,7 @@ def read_channels(text: str) -> tuple[Channels, list[str]]:
 
 
 def _parsed(text: str) -> dict[str, Any]:
-    """The JSON object of a message; RecordingError if there is none."""
+    """Parse the JSON object of a message; RecordingError if it is invalid or too large."""
     if len(text) > MOST_CHARACTERS:
         raise RecordingError(
             f"it may have {MOST_CHARACTERS} characters, got {len(text)}: mend the program"
@@ -89,7 +89,7 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 def _finite(text: str) -> float:
-    """Float of a JSON number; ValueError if it is not finite."""
+    """Convert a JSON number to float; ValueError if it is not finite."""
     value = float(text)
     if not isfinite(value):
         raise ValueError(f"{shown(text)}, which is no finite number")
@@ -97,14 +97,14 @@ def _finite(text: str) -> float:
 
 
 def _word(value: Any) -> str:
-    """A short printable text; ValueError otherwise."""
+    """Return a value that is a short printable text; ValueError otherwise."""
     if not isinstance(value, str) or len(value) > MOST_IN_A_WORD or not value.isprintable():
         raise ValueError("a word")
     return value
 
 
 def _units(value: Any) -> dict[str, str]:
-    """Unit by channel name; ValueError with the rule."""
+    """Return channel name -> unit; ValueError says what the value must be."""
     try:
         return {_word(entry["name"]): _word(entry.get("unit") or "") for entry in value}
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -112,7 +112,7 @@ def _units(value: Any) -> dict[str, str]:
 
 
 def _mapping(value: Any) -> dict[str, Any]:
-    """A JSON object; ValueError with the rule."""
+    """Return a value that is a JSON object; ValueError says what the value must be."""
     if not isinstance(value, dict):
         raise ValueError("names and values")
     return value
@@ -131,7 +131,7 @@ def _count(value: Any) -> int:
 
 
 def _state(value: Any) -> StoredState:
-    """State at the first sample; ValueError with the rule."""
+    """Parse the state at the first sample; ValueError says what the value must be."""
     try:
         y = tuple(_number(one) for one in value["y"])
         return StoredState(y, _count(value["cycle"]), _count(value["index"]), _number(value["t"]))
@@ -140,14 +140,14 @@ def _state(value: Any) -> StoredState:
 
 
 def _clock(value: Any) -> Clock:
-    """Clock of the sensors; ValueError with the rule."""
+    """Parse the clock of the sensors; ValueError says what the value must be."""
     try:
         return Clock(**{name: _number(one) for name, one in _mapping(value).items()})
     except (TypeError, ValueError):
         raise ValueError("t_s and shown_s, two numbers") from None
 
 
-# Key in the message, field of Channels, and its parser, which raises ValueError with the rule.
+# Key in the message, field of Channels, and parser, whose ValueError says what the value must be.
 _PARTS = (
     ("source", "source", _word),
     ("model", "model", _word),

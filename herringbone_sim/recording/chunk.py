@@ -1,4 +1,4 @@
-"""Chunks and checksums of an MCAP file, read within limits on memory."""
+"""Decompress and check the chunks of an MCAP file within limits on memory."""
 
 from __future__ import annotations
 
@@ -38,25 +38,29 @@ class UnknownCompressionError(ValueError):
 
 @dataclass
 class UnpackBudget:
-    """Limits on the number of decompressed bytes of a file.
+    """Limits on the decompressed size of the chunks of a file [bytes].
 
     Attributes:
         per_chunk: limit for one chunk.
-        remaining: what is left for all chunks to come.
+        remaining: limit for all chunks not read yet.
     """
 
     per_chunk: int
     remaining: int
 
     def check(self, size: int) -> None:
-        """Raise ValueError if a chunk declares more bytes than allowed."""
+        """Raise ValueError if the declared size of a chunk [bytes] exceeds a limit."""
         most = min(self.per_chunk, self.remaining)
         if size > most:
             raise ValueError(f"it declares {size} bytes unpacked, at most {most} are taken")
 
 
 def records(body: memoryview, budget: UnpackBudget) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and content of the records of a chunk; its size is subtracted from the budget.
+    """Decompress and check a chunk; return an iterator over (opcode, content) of its records.
+
+    Args:
+        body: content of the chunk record.
+        budget: limits, from which the decompressed size is subtracted.
 
     Raises:
         ValueError, struct.error, RuntimeError, zstandard.ZstdError: the chunk is damaged, exceeds
@@ -81,9 +85,7 @@ def records(body: memoryview, budget: UnpackBudget) -> Iterator[tuple[int, memor
 
 
 def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryview, int]:
-    """Decompressed content, and the number of bytes found: more than ``size`` if the chunk has
-    more.
-    """
+    """Return the decompressed content and its length, more than ``size`` if it is too long."""
     if compression == "":
         return packed, len(packed)
     if compression not in _UNPACK:
@@ -97,7 +99,7 @@ def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryvi
 
 
 def _zstd(packed: memoryview, content: memoryview) -> int:
-    """Decompress zstd into ``content``; number of bytes found."""
+    """Decompress zstd into ``content``; return its length, ``len(content) + 1`` if too long."""
     found = 0
     with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as reader:
         while found < len(content) and (n := reader.readinto(content[found:])):
@@ -106,7 +108,7 @@ def _zstd(packed: memoryview, content: memoryview) -> int:
 
 
 def _lz4(packed: memoryview, content: memoryview) -> int:
-    """Decompress lz4 into ``content`` slice by slice; number of bytes found."""
+    """Decompress lz4 into ``content``; return its length, ``len(content) + 1`` if too long."""
     found, unpack = 0, lz4.frame.LZ4FrameDecompressor()
     for at in range(0, len(packed), _SLICE):
         piece = unpack.decompress(packed[at : at + _SLICE], len(content) - found + 1)
@@ -123,9 +125,7 @@ _UNPACK = {"lz4": _lz4, "zstd": _zstd}
 
 
 def _split(content: memoryview, most: int) -> Iterator[tuple[int, memoryview]]:
-    """Yield opcode and content of each record; ValueError for an odd record or more than
-    ``most``.
-    """
+    """Yield opcode and content of each record; ValueError if one is invalid, or over ``most``."""
     at, n = 0, 0
     while at < len(content):
         opcode, length = RECORD.unpack_from(content, at)
@@ -139,7 +139,7 @@ def _split(content: memoryview, most: int) -> Iterator[tuple[int, memoryview]]:
 
 
 def checksum(stream: BinaryIO, start: int, end: int) -> int:
-    """CRC-32 of the bytes start .. end of a file."""
+    """Return the CRC-32 of the bytes ``start:end`` of a file."""
     stream.seek(start)
     crc, left = 0, end - start
     while left > 0 and (piece := stream.read(min(left, 1 << 20))):

@@ -1,4 +1,4 @@
-"""Read a text file from outside: a regular file of limited length in UTF-8."""
+"""Read an untrusted text file: a regular file of limited length in UTF-8."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def file_text(path: Path, most_bytes: int) -> str:
-    """Content of a file; pipes and devices, which could block, are refused.
+    """Return the text of a file; pipes and devices are refused, as reading them could block.
 
     Raises:
         OSError: no such file, unreadable, or not a regular file.

@@ -1,4 +1,4 @@
-"""The MCAP files of a run: their names, their order, and that they lie in its folder."""
+"""Find the MCAP files of a run in order, and check that they lie in its folder."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ NUMBERED = re.compile(r"(.*)_([0-9]{1,9})\.mcap")
 
 @dataclass(frozen=True)
 class BagInformation:
-    """Content of ``metadata.yaml`` that is valid for rosbag2.
+    """Content of ``metadata.yaml`` of a run folder, compared with the files in the folder.
 
     Attributes:
-        n_messages: number of messages in all files; None if missing.
-        names: of the existing files, in order.
-        missing: names of files that do not exist, or did not when the run was recovered.
+        n_messages: stated number of messages in all files; None if missing.
+        names: names of the listed files that exist, in order.
+        missing: names of files of the run that do not exist.
         unlisted: files in the folder that are named like those of the run but not listed.
-        compression_mode: ``none``, or how rosbag2 compressed the bag.
-        up_to_date: whether the listed and missing files are those found in the folder.
-        notes: a sentence on everything wrong in ``metadata.yaml`` itself.
+        compression_mode: rosbag2's compression mode in lower case, such as ``none`` or ``file``.
+        up_to_date: whether its lists of existing and of missing files agree with the folder.
+        notes: a sentence on each fault of ``metadata.yaml`` itself.
     """
 
     n_messages: int | None = None
@@ -41,7 +41,7 @@ class BagInformation:
 
     @property
     def file_notes(self) -> list[str]:
-        """Sentences on missing files and on files that are not read."""
+        """Sentences on missing files, and on unlisted files, which are not read."""
         notes = []
         if self.missing:
             notes.append(
@@ -58,12 +58,12 @@ class BagInformation:
 
 
 def _names(names: Sequence[str]) -> str:
-    """List of names for a message."""
+    """Join file names for a message, each shortened if it is long."""
     return listed([_shortly(name) for name in names])
 
 
 def bag_information(folder: Path) -> BagInformation:
-    """Read ``metadata.yaml`` of a folder; what is wrong in it is left empty and noted."""
+    """Read ``metadata.yaml`` of a folder; an invalid part is left empty and noted, not raised."""
     try:
         content = read_yaml(folder / METADATA_NAME).get("rosbag2_bagfile_information")
     except FileNotFoundError:
@@ -76,12 +76,12 @@ def bag_information(folder: Path) -> BagInformation:
 
 
 def _unread(what: str) -> BagInformation:
-    """Information for a ``metadata.yaml`` that can't be used."""
+    """Return empty information with a note on a ``metadata.yaml`` that can't be used."""
     return BagInformation(notes=(f"{METADATA_NAME} {what}",))
 
 
 def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
-    """Information from a parsed ``metadata.yaml``, checked against the folder."""
+    """Check a parsed ``metadata.yaml`` against the files in its folder."""
     notes = []
     count = content.get("message_count")
     if not isinstance(count, int) or isinstance(count, bool):
@@ -116,13 +116,13 @@ def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
 
 
 def _texts(value: Any) -> list[str]:
-    """A list of strings; empty if the value is anything else."""
+    """Return a value that is a list of strings; an empty list for anything else."""
     good = isinstance(value, list) and all(isinstance(one, str) for one in value)
     return list(value) if good else []
 
 
 def _distinct(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of distinct files, and the names that repeat one of them."""
+    """Return the names of distinct files, and the names that lead to a file named before."""
     found: dict[str, str] = {}
     twice = []
     for name in names:
@@ -132,14 +132,14 @@ def _distinct(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]
 
 
 def _lost(content: Mapping[Any, Any]) -> list[str]:
-    """Names of the files that were missing when the run was recovered."""
+    """Return the names of the files that were missing when the run was recovered."""
     custom = content.get("custom_data")
     listed_names = custom.get(MISSING_KEY) if isinstance(custom, dict) else None
     return listed_names.split("\n") if isinstance(listed_names, str) and listed_names else []
 
 
 def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Files named like those of the run, NAME_0.mcap, that ``metadata.yaml`` does not list."""
+    """Return files named like those of the run, NAME_0.mcap, that are not in ``names``."""
     runs = {numbered[1] for name in names if (numbered := NUMBERED.fullmatch(name))}
     known = set(names)
     found = sorted(folder.glob("*.mcap"), key=lambda file: _natural(file.name)) if runs else []
@@ -153,7 +153,7 @@ def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def readable_bag(folder: Path) -> BagInformation:
-    """Like ``bag_information``; RecordingError for a bag that rosbag2 compressed as a whole."""
+    """Like ``bag_information``; RecordingError for a bag compressed outside of its MCAP chunks."""
     information = bag_information(folder)
     mode = information.compression_mode
     if mode not in ("none", "storage"):
@@ -165,12 +165,12 @@ def readable_bag(folder: Path) -> BagInformation:
 
 
 def check_file(path: Path) -> bool:
-    """Whether a path is a file (True) or a folder (False).
+    """Return whether a path is a regular file (True) or a folder (False).
 
     A pipe or a device is never opened: reading could block or change it.
 
     Raises:
-        RecordingError: neither, or no valid path.
+        RecordingError: the path is neither, does not exist, or can't be examined.
     """
     try:
         mode = path.stat().st_mode
@@ -192,13 +192,15 @@ def check_file(path: Path) -> bool:
 
 
 def _shortly(path: Path | str) -> str:
-    """A path for a message, shortened if its name is long or not printable."""
+    """Return a path for a message, shortened if its name is long or not printable."""
     text = str(path)
     return text if text.isprintable() and len(Path(path).name) < 100 else shown(text)
 
 
 def bag_files(path: Path | str) -> list[Path]:
-    """The .mcap files of a run folder in order, or the file itself.
+    """Return the .mcap files of a run folder in order; for a path to a file, that file alone.
+
+    They are those that ``metadata.yaml`` lists, else all in the folder, ordered by number.
 
     Raises:
         RecordingError: no such path, no .mcap file in it, or a link that leads out of the folder.
@@ -230,5 +232,5 @@ def _is_inside(folder: Path, file: Path) -> bool:
 
 
 def _natural(name: str) -> list[int]:
-    """Sort key: the numbers in a name."""
+    """Return the numbers in a name, as a sort key that puts 10 after 9."""
     return [int(digits) for digits in re.findall(r"\d+", name)]

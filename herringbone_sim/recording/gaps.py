@@ -1,4 +1,4 @@
-"""Missing samples, counted exactly from the phase, which advances by equal steps."""
+"""Find and count missing samples by the phase, which advances in equal steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Gap:
     """Consecutive missing samples.
 
     Attributes:
-        index: first sample after the gap.
+        index: index of the first sample after the gap.
         t_s: time of the last sample before it [s].
         missing: number of missing samples.
     """
@@ -28,9 +28,9 @@ class Gap:
 
 
 def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
-    """Places where ``counter`` advances by more than 1.5 times the steps before and after.
+    """Find gaps: steps of ``counter`` above 1.5 times both the step before and the step after.
 
-    A change of the step (other samples per cycle, other speed) is not a gap.
+    A lasting change of the step (other samples per cycle, other speed) is not a gap.
 
     Args:
         times: (n,) times [s].
@@ -51,13 +51,13 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
 
 
 def sample_gaps(names: tuple[str, ...], rows: Array) -> tuple[Gap, ...]:
-    """Gaps in samples (n, c), counted by ``phase``, or by ``t`` if there is no phase."""
+    """Find gaps in samples (n, c) by the channel ``phase``, or by ``t`` if there is no phase."""
     counter = "phase" if "phase" in names else "t"
     return find_gaps(rows[:, names.index("t")], rows[:, names.index(counter)])
 
 
 def gap_notes(names: tuple[str, ...], rows: Array) -> list[str]:
-    """A sentence on missing samples, empty list if none are missing."""
+    """Return one sentence on missing samples in (n, c); an empty list if none are missing."""
     gaps = sample_gaps(names, rows)
     if not gaps:
         return []

@@ -12,11 +12,12 @@ from herringbone_sim.recording.cdr import Buffer
 
 
 class FileLostError(OSError):
-    """A file whose path no longer leads to what was written.
+    """Error: another program deleted, replaced, moved or cut a file that is being written.
 
     Attributes:
-        where: path of the complete content; None if it is lost.
-        cut: whether the path still leads to the file, but not to all of it.
+        where: present path of a moved, complete file, or a text if it is unknown; None for a
+            file that is not complete.
+        cut: whether the file is still at its path, but with another size than was written.
     """
 
     def __init__(self, what: str, where: str | None = None, cut: bool = False) -> None:
@@ -27,7 +28,7 @@ class FileLostError(OSError):
 
 @dataclass(frozen=True)
 class FileIdentity:
-    """Identity of a finished file, to recognise it later."""
+    """Path, device, inode and size of a file, to recognise it later."""
 
     path: Path
     device: int
@@ -35,7 +36,7 @@ class FileIdentity:
     size: int
 
     def fault(self, folder: Path) -> str:
-        """What happened to the file in a folder; empty if it is unchanged."""
+        """Return what happened to the file in ``folder``, as a predicate; empty if unchanged."""
         found = _named(folder / self.path.name)
         if found is None:
             return "is no longer there"
@@ -52,6 +53,10 @@ class GuardedFile:
     It is locked until it is closed, or its process ends, so that other programs can tell that it
     is being written. It is opened for appending, so a file that another program cut stays shorter
     than what was written.
+
+    Attributes:
+        position: number of bytes written.
+        whole: bytes up to the end of the last complete record, set by the user of this class.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,7 +74,7 @@ class GuardedFile:
         self.close()
 
     def write(self, content: Buffer) -> int:
-        """Append all bytes; returns their number."""
+        """Append all bytes; return their number."""
         rest = memoryview(content)
         while rest:
             written = os.write(self.handle, rest)
@@ -93,7 +98,7 @@ class GuardedFile:
         self.path = path
 
     def check(self) -> FileIdentity:
-        """Identity of the file; FileLostError if its path leads elsewhere or bytes are missing."""
+        """Return the identity; FileLostError if the path leads elsewhere or the size is wrong."""
         held, found = os.fstat(self.handle), _named(self.path)
         whole = held.st_size == self.position
         if found is None or (found.st_dev, found.st_ino) != (held.st_dev, held.st_ino):
@@ -106,7 +111,7 @@ class GuardedFile:
         return FileIdentity(self.path, held.st_dev, held.st_ino, held.st_size)
 
     def _where(self, held: os.stat_result) -> str:
-        """Present path of the file as far as the system knows it."""
+        """Return the present path of the open file, or ``another name`` if it is unknown."""
         try:
             path = os.readlink(f"/proc/self/fd/{self.handle}")
             found = os.stat(path)
@@ -144,7 +149,7 @@ def is_written(path: Path) -> bool:
 
 
 def _named(path: Path) -> os.stat_result | None:
-    """Status of a path without following links; None if it does not exist."""
+    """Return the stat result of a path without following links; None if it does not exist."""
     try:
         return os.stat(path, follow_symlinks=False)
     except (FileNotFoundError, NotADirectoryError):

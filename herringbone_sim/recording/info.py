@@ -22,12 +22,12 @@ _TWO_PI = 2 * np.pi
 
 @dataclass(frozen=True)
 class Channel:
-    """A column of the samples.
+    """Statistics of one channel of the samples.
 
     Attributes:
-        unit: from the ``channels`` topic, empty if missing.
-        nans: number of values that are not finite.
-        minimum, maximum, mean: of the finite ones; None if there are none.
+        unit: as in the ``channels`` topic, empty if missing.
+        nans: number of values that are NaN or infinite.
+        minimum, maximum, mean: of the finite values; None without any.
     """
 
     name: str
@@ -48,22 +48,24 @@ class RunInfo:
     """Summary of a run.
 
     Attributes:
-        n_samples: samples in the files.
-        t_first_s, t_last_s, duration_s: span of time [s].
-        sample_rate_hz: from the median step; None for less than two samples.
-        samples_per_cycle: per mesh cycle, from the median step of ``phase``; or None.
-        mesh_hz: mesh frequency [Hz]; None without ``phase``.
-        channels: one entry a column.
+        n_samples: number of samples in the files.
+        t_first_s, t_last_s, duration_s: first and last time, and their difference [s].
+        sample_rate_hz: from the median time step; None unless that is positive.
+        samples_per_cycle: samples per mesh cycle, from the median step of ``phase``; None without
+            ``phase``, or if the step is not positive.
+        mesh_hz: mesh frequency [Hz]; None if one of the two above is None.
+        channels: one entry per channel.
         changes: parameter changes.
-        gaps: places where samples are missing.
-        time_jump: first sample whose time does not increase; None if it always does.
-        parameters: of the model, as recorded.
-        source, model, version: program that recorded it, from the ``channels`` topic.
+        gaps: gaps of missing samples.
+        time_jump: index of the first sample that is not later than the one before; None if time
+            increases throughout.
+        parameters: parameters of the gear, as recorded.
+        source, model, version: program that recorded the run, its model and its version.
         complete: whether every file exists and was finished.
         missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
-        samples_counted: by the writer; None if not recorded.
-        bytes_on_disk, bytes_of_samples: size of the files, and of the samples unpacked.
-        notes: a sentence on everything unusual.
+        samples_counted: number of samples that the writer counted; None if not recorded.
+        bytes_on_disk, bytes_of_samples: size of the .mcap files, and of the samples in memory.
+        notes: a sentence on each irregularity.
     """
 
     path: Path
@@ -106,7 +108,7 @@ def recording_info(path: Path | str) -> RunInfo:
 
 
 def summarise(raw: RawRecording) -> RunInfo:
-    """Summarise a run that is in memory."""
+    """Summarise a run that was loaded into memory."""
     times = raw.times
     time_step, phase_step = _median_step(times), _phase_step(raw)
     rate = 1 / time_step if time_step else None
@@ -139,7 +141,7 @@ def summarise(raw: RawRecording) -> RunInfo:
 
 
 def _median_step(values: Array) -> float | None:
-    """Median difference of successive values; None unless it is positive and finite."""
+    """Return the median difference of successive values; None unless positive and finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(values)
     middle = float(np.median(steps)) if len(steps) else float("nan")
@@ -147,14 +149,14 @@ def _median_step(values: Array) -> float | None:
 
 
 def _phase_step(raw: RawRecording) -> float | None:
-    """Median step of the phase [rad]; None without ``phase``."""
+    """Return the median step of the phase [rad]; None without ``phase`` or a positive step."""
     if "phase" not in raw.names:
         return None
     return _median_step(raw.rows[:, raw.names.index("phase")])
 
 
 def _channels(raw: RawRecording) -> tuple[Channel, ...]:
-    """Summary of every column."""
+    """Return the statistics of every channel."""
     units = raw.channels.units
     return tuple(
         _channel(name, units.get(name, ""), raw.rows[:, column])
@@ -163,7 +165,7 @@ def _channels(raw: RawRecording) -> tuple[Channel, ...]:
 
 
 def _channel(name: str, unit: str, values: Array) -> Channel:
-    """Summary of one column."""
+    """Return the statistics of a channel with values (n,)."""
     finite = values[np.isfinite(values)]
     nans = len(values) - len(finite)
     if not len(finite):
@@ -174,7 +176,7 @@ def _channel(name: str, unit: str, values: Array) -> Channel:
 
 
 def _jump_notes(times: Array, jump: int | None) -> list[str]:
-    """A sentence on the first time that does not increase."""
+    """Return a sentence on the first sample that is not later than the one before, if any."""
     if jump is None:
         return []
     return [
@@ -183,7 +185,7 @@ def _jump_notes(times: Array, jump: int | None) -> list[str]:
 
 
 def _channel_notes(channels: tuple[Channel, ...]) -> list[str]:
-    """Sentences on channels with values that are not finite, and on constant ones."""
+    """Return sentences on channels with values that are not finite, and on constant channels."""
     broken = [f"{channel.name} ({channel.nans})" for channel in channels if channel.nans]
     still = [c.name for c in channels if c.constant and c.name not in OPERATING]
     notes = [f"no finite number in some samples of {listed(broken)}"] if broken else []

@@ -1,4 +1,4 @@
-"""Load the files of a run into memory, finished or cut, without a check of the times."""
+"""Load the files of a run, finished or cut off, into memory without checking the times."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from herringbone_sim.recording.scan import MOST_NOTES, Scan, ScannedMessage
 LEAST_MEMORY = 256 << 20
 # Memory limit per byte on the disk; periodic motions with many planets compress nearly as much.
 MEMORY_RATIO = 40
-# Further columns in memory while a run is read: times, steps, gaps.
+# Temporary columns in memory beside the channels while a run is read: times, steps, gaps.
 _COLUMNS_AT_WORK = 8
-# A plausible count of samples.
+# Text of a plausible number of samples.
 _COUNT = re.compile("[0-9]{1,15}")
-# Memory of a parameter event: of the object, and per byte of the message.
+# Memory of a parameter event: bytes of the object, and bytes per byte of the message.
 _EVENT_BYTES, _EVENT_RATIO = 512, 8
 
 
@@ -64,7 +64,7 @@ def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Arra
 
 
 class _Samples:
-    """Decoder of ``samples`` messages that checks that topic and channels stay the same."""
+    """Decoder of the ``samples`` messages of a run; topic and channels must stay the same."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -79,8 +79,8 @@ class _Samples:
             Names (c,) of the channels and samples (n, c).
 
         Raises:
-            RecordingError: a message that can't be decoded, names that are not unique, not
-                printable or without ``t``, or topic or names other than in the first message.
+            RecordingError: the message can't be decoded, the names are not unique, not printable
+                or without ``t``, or topic or names differ from those of the first message.
         """
         names, rows = decode_samples(scanned.message)
         if not self.topic:
@@ -113,7 +113,7 @@ class _Samples:
 
 
 class _Loading:
-    """Accumulates the messages of successive files within a memory limit."""
+    """Accumulate the content of the files of a run, in order, within a memory limit [bytes]."""
 
     def __init__(self, path: Path, most_bytes: int) -> None:
         name = path.stem if check_file(path) else path.resolve().name
@@ -146,7 +146,7 @@ class _Loading:
         self._take_scan(scan)
 
     def finish(self) -> RawRecording:
-        """The loaded run; RecordingError if it has no samples."""
+        """Return the loaded run; RecordingError if it has no samples."""
         raw, names = self.raw, self.samples.names
         if self._n_left_out > MOST_NOTES:
             raw.notes.append(f"{self._n_left_out - MOST_NOTES} more messages are left out")
@@ -161,7 +161,7 @@ class _Loading:
         return raw
 
     def _take_rows(self, rows: Array) -> None:
-        """Append samples."""
+        """Append samples (n, c) to the buffer."""
         n, c = rows.shape
         self._take_memory(n * (c + _COLUMNS_AT_WORK) * rows.itemsize)
         self._content += np.ascontiguousarray(rows).data.cast("B") if n else b""
@@ -178,7 +178,7 @@ class _Loading:
             )
 
     def _guarded(self, take: Callable[[ScannedMessage], None], scanned: ScannedMessage) -> None:
-        """Take a message; one that can't be decoded is noted and left out."""
+        """Pass a message to ``take``; if it can't be decoded, leave it out and note that."""
         try:
             take(scanned)
         except RecordingError as error:
@@ -189,7 +189,7 @@ class _Loading:
                 )
 
     def _take_channels(self, scanned: ScannedMessage) -> None:
-        """Keep the first ``channels`` message of a run: its state is that at the first sample."""
+        """Store the first ``channels`` message of a run: it has the state at the first sample."""
         if not self.raw.channels.content:
             self.raw.channels, notes = read_channels(decode_string(scanned.message))
             self.raw.notes += notes
@@ -201,7 +201,7 @@ class _Loading:
         self.changes.append(change)
 
     def _take_scan(self, scan: Scan) -> None:
-        """Take notes, completeness, topics and counts of a file that was read."""
+        """Add notes, completeness, size, topics and sample count of a file read to its end."""
         raw = self.raw
         raw.notes += scan.notes + scan.end_notes()
         raw.complete &= scan.complete
@@ -214,7 +214,12 @@ class _Loading:
 
 
 def load(path: Path | str, most_bytes: int | None = None) -> RawRecording:
-    """Load a whole run into memory without a check of its times; errors as ``read_recording``."""
+    """Load a whole run into memory without checking its times; errors as ``read_recording``.
+
+    Args:
+        path: run folder or .mcap file.
+        most_bytes: memory limit [bytes]; None: as ``read_recording``.
+    """
     path = Path(path)
     files = bag_files(path)
     if most_bytes is None:

@@ -1,4 +1,4 @@
-"""Encode and decode the four message types of a recording.
+"""Encode the four message types of a recording, and decode all but JointState.
 
 Every ``decode_*`` raises RecordingError for a message that is shorter than its own lengths say, or
 not plain CDR.
@@ -26,7 +26,7 @@ _TYPES = ("none", "bool", "int", "float", "str", "bytes", "bools", "ints", "floa
 
 
 def encode_string(text: str) -> bytes:
-    """Bytes of a std_msgs/String."""
+    """Serialise a text as a std_msgs/String."""
     out = CdrWriter()
     out.text(text)
     return bytes(out.buffer)
@@ -34,13 +34,13 @@ def encode_string(text: str) -> bytes:
 
 @checked
 def decode_string(message: Buffer) -> str:
-    """Text of a std_msgs/String."""
+    """Return the text of a std_msgs/String."""
     return CdrReader(message).text()
 
 
 @lru_cache(maxsize=8)
 def _samples_head(names: tuple[str, ...], n: int) -> bytes:
-    """Bytes of a Float64MultiArray up to its data, for n samples of some channels."""
+    """Serialise the part of a Float64MultiArray before its data, for n samples of the channels."""
     out, c = CdrWriter(), len(names)
     out.pack("I", 2)
     for label, size, stride in (("sample", n, n * c), (",".join(names), c, c)):
@@ -53,7 +53,7 @@ def _samples_head(names: tuple[str, ...], n: int) -> bytes:
 
 
 def encode_samples(names: tuple[str, ...], rows: Array) -> bytes:
-    """Bytes of a std_msgs/Float64MultiArray with a block of samples.
+    """Serialise a block of samples as a std_msgs/Float64MultiArray.
 
     Args:
         names: c channel names, without commas.
@@ -65,7 +65,9 @@ def encode_samples(names: tuple[str, ...], rows: Array) -> bytes:
 
 @checked
 def decode_samples(message: Buffer) -> tuple[tuple[str, ...], Array]:
-    """Channel names (c,) and samples (n, c), a view, of a std_msgs/Float64MultiArray.
+    """Return channel names (c,) and samples (n, c) of a std_msgs/Float64MultiArray.
+
+    The samples are a view of the message if it has native byte order.
 
     Raises:
         RecordingError: the layout is not that of the ``samples`` topic.
@@ -116,7 +118,7 @@ class JointState:
 
 
 def encode_joint_state(state: JointState) -> bytes:
-    """Bytes of a sensor_msgs/JointState.
+    """Serialise a sensor_msgs/JointState.
 
     Raises:
         RecordingError: the arrays are not all as long as the names.
@@ -152,7 +154,7 @@ class ParameterEvent:
 
 
 def _type_of(value: object) -> str:
-    """Name of the ROS parameter type of a value; RecordingError if there is none."""
+    """Return the name in ``_TYPES`` of the ROS type of a value; RecordingError if none fits."""
     if isinstance(value, (bool, np.bool_)):
         return "bool"
     if isinstance(value, (int, np.integer)):
@@ -174,7 +176,7 @@ def _type_of(value: object) -> str:
 
 
 def _write_value(out: CdrWriter, value: Value) -> None:
-    """Append a rcl_interfaces/ParameterValue."""
+    """Append a value as a rcl_interfaces/ParameterValue; None is an unset parameter."""
     kind = "none" if value is None else _type_of(value)
     held: dict[str, Any] = {kind: value}
     out.pack("B", _TYPES.index(kind))
@@ -188,7 +190,7 @@ def _write_value(out: CdrWriter, value: Value) -> None:
 
 
 def _read_value(source: CdrReader) -> Value:
-    """Read a rcl_interfaces/ParameterValue."""
+    """Read a rcl_interfaces/ParameterValue; None if it is unset or of an unknown type."""
     kind = source.scalar("B")
     scalars = (None, bool(source.scalar("B")), source.scalar("q"), source.double(), source.text())
     arrays = (
@@ -203,7 +205,7 @@ def _read_value(source: CdrReader) -> Value:
 
 
 def encode_parameter_event(event: ParameterEvent) -> bytes:
-    """Bytes of a rcl_interfaces/ParameterEvent with all values under ``changed_parameters``.
+    """Serialise a rcl_interfaces/ParameterEvent with all values under ``changed_parameters``.
 
     Raises:
         RecordingError: a value that no ROS parameter can have.
@@ -222,7 +224,7 @@ def encode_parameter_event(event: ParameterEvent) -> bytes:
 
 @checked
 def decode_parameter_event(message: Buffer) -> ParameterEvent:
-    """Content of a rcl_interfaces/ParameterEvent: new, changed and deleted parameters together."""
+    """Parse a rcl_interfaces/ParameterEvent; new, changed and deleted parameters are merged."""
     source = CdrReader(message)
     stamp_ns, node = source.scalar("i") * 10**9 + source.scalar("I"), source.text()
     changed: dict[str, Value] = {}

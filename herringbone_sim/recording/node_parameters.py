@@ -1,6 +1,4 @@
-"""Parameters of the ROS node beyond those of the model, and the conversion of values from
-files.
-"""
+"""Define the parameters of the ROS node beyond those of the model; convert and check values."""
 
 from __future__ import annotations
 
@@ -87,23 +85,23 @@ ALIKE = 0.66  # similarity of a mistyped name (difflib ratio); kk and K have two
 
 
 def default_of(name: str) -> Any:
-    """Default value of a parameter of the model or of the node."""
+    """Return the default value of a parameter of the model or of the node."""
     if name in OF_NODE:
         return OF_NODE[name][0]
     return Parameters.__dataclass_fields__[name].default
 
 
 def meaning_of(name: str) -> Meaning:
-    """Unit, text and range of a parameter of the model or of the node."""
+    """Return unit, text and range of a parameter of the model or of the node."""
     return OF_NODE[name][1] if name in OF_NODE else core.meaning(name)
 
 
 def converted(name: str, value: Any) -> Any:
-    """A value converted to the type of its parameter, where ROS tools send another type.
+    """Convert a value to the type of its parameter, where ROS tools send another type.
 
-    They send 1 as an integer, 1e-3 as a string (YAML 1.1 requires a dot), off as a bool, and an
-    empty list as one of any type. A value that needs no conversion, or allows none, is returned as
-    is.
+    For a float they send 1 as an integer and 1e-3 as a string (YAML 1.1 requires a dot), for a
+    string off as a bool, and an empty list with any type. A list of numbers becomes a list of
+    floats. A value that needs no conversion, or allows none, is returned unchanged.
     """
     kind = type(default_of(name)) if is_known(name) else None
     if kind is float and (number := _number(value)) is not None:
@@ -116,7 +114,7 @@ def converted(name: str, value: Any) -> Any:
 
 
 def _number(value: Any) -> float | None:
-    """Float of a number or a numeric text, else None."""
+    """Convert a number or a numeric text to float; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
     try:
@@ -126,7 +124,7 @@ def _number(value: Any) -> float | None:
 
 
 def _numbers(value: Any) -> list[float] | None:
-    """List of floats of a number, a list or a text like ``[1, 2]``, else None."""
+    """Convert a number, a list or a text like ``[1, 2]`` to floats; None if impossible."""
     if isinstance(value, str) and value.startswith("[") and value.endswith("]"):
         value = value[1:-1].split(",")
     many = [value] if isinstance(value, (int, float, str)) else value
@@ -137,7 +135,7 @@ def _numbers(value: Any) -> list[float] | None:
 
 
 def is_known(name: str) -> bool:
-    """Whether the model or this node has a parameter of that name."""
+    """Whether the model or the node has a parameter of that name."""
     return name in OF_NODE or name in Parameters.__dataclass_fields__
 
 
@@ -149,7 +147,7 @@ def is_unset(value: Any) -> bool:
 
 
 def unknown_message(name: str) -> str:
-    """Message for an unknown parameter name, with the name that is probably meant."""
+    """Return the message for an unknown parameter name, with the most similar known name."""
     own = {own.lower(): own for own in (*OF_NODE, *core.names())}
     near = difflib.get_close_matches(name[:LONGEST_NAME].lower(), own, n=1, cutoff=ALIKE)
     hint = f"did you mean {own[near[0]]}?" if near else "ros2 param list shows what there is"
@@ -157,12 +155,14 @@ def unknown_message(name: str) -> str:
 
 
 def read_by_rclpy(name: str) -> bool:
-    """Whether rclpy itself reads the parameter: time, QoS overrides, type descriptions."""
+    """Whether rclpy itself uses the parameter: time, QoS overrides, type descriptions."""
     return name.startswith(("use_sim_time", "qos_overrides.", "start_type_description_service"))
 
 
 def check(name: str, value: Any) -> None:
-    """Check the value of one parameter; those of the model are checked together when it is built.
+    """Check the type and range of a parameter of the node, or the type of one of the model.
+
+    Ranges of model parameters are checked together when ``Parameters`` is made.
 
     Raises:
         ParameterError: the value is not allowed.
@@ -200,7 +200,7 @@ def check(name: str, value: Any) -> None:
 
 
 def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]:
-    """Gear and effects of a node that starts with a parameter file, and the warnings it gives.
+    """Return parameters, effects and warnings of a node that starts with a parameter file.
 
     Raises:
         ParameterError: the node would not start with the file; the message begins with the file.
@@ -225,7 +225,7 @@ def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]
 
 
 def _dotted(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names and values, names of nested mappings joined by dots as in ROS."""
+    """Yield (name, value) pairs, with the names of nested mappings joined by dots as in ROS."""
     for name, value in values.items():
         if isinstance(value, dict) and value:
             yield from _dotted(value, f"{before}{name}.")
@@ -234,7 +234,7 @@ def _dotted(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
 
 
 def warning_of(name: str, value: Any) -> str:
-    """Warning of a node that starts with a value; empty if there is none."""
+    """Return the warning for a value at the start of a node: unknown or unset; else empty."""
     if not is_known(name):
         return "" if read_by_rclpy(name) else f"{unknown_message(name)}; it is ignored"
     if is_unset(value) and default_of(name) != ():

@@ -28,7 +28,7 @@ from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 EFFECTS = "effects"
 NODE = "herringbone_sim"
 _FORM = f"write '/**:' or '{NODE}:', under it 'ros__parameters:', under it 'name: value'"
-_OFTEN = 1e-3, 1e6
+_OFTEN = 1e-3, 1e6  # magnitudes that are written without an exponent
 
 
 class _Quoting(yaml.SafeDumper):
@@ -41,11 +41,11 @@ _Quoting.add_representer(
 
 
 def load_parameters(path: Path | str) -> Parameters:
-    """Parameters of a file without effects; parameters that it omits have their defaults.
+    """Read the parameters of a nominal gear; parameters that the file omits have their defaults.
 
     Raises:
-        ParameterError: no such file, another format, an unknown key, a set that no gear can have,
-            or effects; the message begins with the file.
+        ParameterError: no such file, an invalid format, an unknown name, values that no gear can
+            have, or effects in the file; the message begins with the file.
     """
     parameters, actives = load_gear(path)
     if actives:
@@ -62,9 +62,8 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
     Parameters that the file omits have their defaults; without ``effects`` there are none.
 
     Raises:
-        ParameterError: no such file, another format, an unknown key, a set that no gear can have,
-            or effects in another form, unknown or with an unknown locus or value; the message
-            begins with the file.
+        ParameterError: no such file, an invalid format, an unknown name, values that no gear can
+            have, or an invalid effect; the message begins with the file.
     """
     values = read_values(Path(path))
     try:
@@ -74,28 +73,29 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
 
 
 def gear_of_values(values: Mapping[str, Any]) -> tuple[Parameters, tuple[Active, ...]]:
-    """Parameters and active effects from values by name, as in files and recordings.
+    """Make parameters and active effects from values by name, as in files and recordings.
 
     Raises:
-        ParameterError: an unknown name, a set that no gear can have, or an unknown effect.
+        ParameterError: an unknown name, values that no gear can have, or an invalid effect.
     """
     of_model = {name: value for name, value in values.items() if name != EFFECTS}
     return from_mapping(of_model), read_effects(values.get(EFFECTS))
 
 
 def values_of_gear(parameters: Parameters, actives: Sequence[Active] = ()) -> dict[str, Any]:
-    """Values by name for JSON, the inverse of ``gear_of_values``; no ``effects`` key without
-    effects.
+    """Return parameters and effects as values by name for JSON, inverse to ``gear_of_values``.
+
+    There is no ``effects`` key if ``actives`` is empty.
     """
     effects = {EFFECTS: effects_text(actives)} if actives else {}
     return to_mapping(parameters) | effects
 
 
 def ros_text(path: Path | str) -> str:
-    """Text of a parameter file in the form that ROS accepts: effects as a string.
+    """Return a parameter file as YAML that ROS accepts: effects as a string, no empty lists.
 
     Raises:
-        ParameterError: no such file, or another format.
+        ParameterError: no such file, an invalid format, or an invalid effect.
     """
     values = read_values(Path(path))
     try:
@@ -111,17 +111,17 @@ def ros_text(path: Path | str) -> str:
 def save_parameters(
     path: Path | str, parameters: Parameters, title: str = "", actives: Sequence[Active] = ()
 ) -> None:
-    """Write every parameter with its unit and meaning; raises OSError.
+    """Write a file with every parameter, its unit and its meaning; raises OSError.
 
     Args:
-        title: comment lines for the head of the file.
+        title: text for comment lines at the head of the file.
         actives: effects of the gear.
     """
     Path(path).write_text(parameter_text(parameters, title, actives), encoding="utf-8")
 
 
 def parameter_text(parameters: Parameters, title: str = "", actives: Sequence[Active] = ()) -> str:
-    """Text of a parameter file.
+    """Return the text of a file with every parameter, its unit and its meaning.
 
     ROS can't type an empty list: an empty ``planet_angle`` is omitted, and an empty series of
     harmonics is written as one of amplitude zero.
@@ -134,7 +134,7 @@ def parameter_text(parameters: Parameters, title: str = "", actives: Sequence[Ac
 
 
 def _line(name: str, value: Any) -> str:
-    """Line of one parameter with unit and meaning as a comment."""
+    """Return the line of one parameter, with unit and meaning as a comment."""
     about = meaning(name)
     comment = f"# [{about.unit}] {about.text}{'; live' if about.live else ''}"
     if value == () and getattr(Parameters, name) == ():
@@ -143,7 +143,7 @@ def _line(name: str, value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    """YAML text of a value; a float reads back as the same float."""
+    """Return the YAML text of a value; a float is read back as the same float."""
     if isinstance(value, tuple):
         return f"[{', '.join(_text(one) for one in value)}]"
     if not isinstance(value, float):
@@ -154,7 +154,7 @@ def _text(value: Any) -> str:
 
 
 def read_values(path: Path) -> dict[str, Any]:
-    """Names and values of a file; raises ParameterError whose message begins with the file."""
+    """Read names and values of a file; ParameterError with a message that begins with the file."""
     try:
         return _values(read_yaml(path))
     except OSError as error:
@@ -166,7 +166,7 @@ def read_values(path: Path) -> dict[str, Any]:
 
 
 def _values(document: Mapping[Any, Any]) -> dict[str, Any]:
-    """Names and values of a parsed file; ParameterError if its structure is another one."""
+    """Return names and values of a parsed file; ParameterError if its structure is invalid."""
     values: dict[str, Any] = {}
     for node, content in document.items():
         if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):

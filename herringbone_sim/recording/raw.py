@@ -1,4 +1,4 @@
-"""Content of the files of a run before any check of its times."""
+"""Content of the files of a run, whose times are not checked, and notes on it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class ParameterChange:
     """Parameters that changed together.
 
     Attributes:
-        t_s: simulation time [s] at which they took effect in ``samples``.
-        t_ns: the same, as recorded [ns].
+        t_s: simulation time at which they took effect in the samples [s].
+        t_ns: the same time as recorded [ns].
         node: full name of the node.
         values: new value by parameter name; None for a deleted one.
     """
@@ -41,9 +41,10 @@ class RawRecording:
         rows: (n, c) samples.
         complete: whether every file exists and was finished.
         missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
-        counted: number of samples by the writer's record; None if a file has none.
         recovered: whether a file was rebuilt after it had been cut off.
+        counted: number of samples that the writer counted; None if a file has no count.
         bytes_on_disk: size of the .mcap files.
+        notes: a sentence on each irregularity.
     """
 
     path: Path
@@ -66,7 +67,7 @@ class RawRecording:
 
 
 def no_samples_message(raw: RawRecording, topics: set[str]) -> str:
-    """Reason why a run has no samples, and what to do."""
+    """Return why a run has no samples, and what to do; ``topics``: its topics for samples."""
     if not raw.complete or raw.recovered:
         return (
             f"a run must hold samples, {raw.path} was cut off before the first of them were whole "
@@ -84,7 +85,7 @@ def no_samples_message(raw: RawRecording, topics: set[str]) -> str:
 
 
 def content_notes(raw: RawRecording) -> list[str]:
-    """Sentences on missing channel data, missing samples and odd parameter changes."""
+    """Return sentences on missing channel data or samples, and changes outside of the samples."""
     notes = []
     if not raw.channels.content:
         notes.append("there is no channels message: units and parameters are unknown")
@@ -94,7 +95,7 @@ def content_notes(raw: RawRecording) -> list[str]:
 
 
 def _change_notes(raw: RawRecording) -> list[str]:
-    """A sentence on parameter changes outside of the samples, empty list if there are none."""
+    """Return a sentence on parameter changes outside of the time of the samples, if any."""
     times = raw.times
     outside = [change for change in raw.changes if not times[0] <= change.t_s <= times[-1]]
     if not outside:

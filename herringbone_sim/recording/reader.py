@@ -19,19 +19,19 @@ __all__ = ["ParameterChange", "Recording", "first_jump", "iter_sample_blocks", "
 
 @dataclass(frozen=True)
 class Recording:
-    """A run that was read.
+    """Content of a run; time increases strictly.
 
     Attributes:
-        path: as given: a run folder or a .mcap file.
-        name: of the folder, or of the file without its ending.
-        samples: full-rate samples of all channels; of a run cut at a jump of time, the longest
-            stretch over which time increases.
+        path: the run folder or .mcap file that was read.
+        name: name of the folder, or of the file without its suffix.
+        samples: samples of all channels at the full rate; if time jumps, only those of the
+            longest stretch over which it increases.
         channels: content of the ``channels`` topic; empty if there is none.
         changes: parameter changes in the order of the file.
         complete: whether every file of the run exists and was finished.
         notes: a sentence on each irregularity.
-        jump_s: time [s] of the last sample before the first jump, where the next sample is not
-            later, which the last note describes; None if time increases throughout.
+        jump_s: time [s] of the last sample before the first jump of time, which the last note
+            describes; None if the recorded time increases throughout.
     """
 
     path: Path
@@ -45,20 +45,20 @@ class Recording:
 
 
 def first_jump(times: Array) -> int | None:
-    """Index of the first sample that is not later than the one before; None if there is none."""
+    """Return the index of the first sample not later than the one before; None without any."""
     late = _late(times)
     return int(np.argmax(late)) + 1 if late.any() else None
 
 
 def _late(times: Array) -> Flags:
-    """Whether (n - 1,) each sample after the first is not later by a finite time."""
+    """Return (n - 1,) flags of the samples 1, 2, ... that are not later than the one before."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(times)
     return ~((steps > 0) & np.isfinite(steps))
 
 
 def longest_stretch(times: Array) -> slice:
-    """Slice of the longest stretch over which time (n,) increases."""
+    """Return the slice of the longest stretch over which time (n,) increases."""
     breaks = np.flatnonzero(_late(times)) + 1
     edges = np.concatenate([[0], breaks, [len(times)]])
     at = int(np.diff(edges).argmax())
@@ -72,9 +72,9 @@ def read_recording(
 
     Args:
         path: run folder or .mcap file.
-        cut_at_jump: keep the longest stretch over which time increases.
-        most_bytes: memory that the samples may take; by default 40 times the size on the disk, at
-            least 256 MiB.
+        cut_at_jump: if time does not increase throughout, return the longest stretch over which
+            it does instead of raising RecordingError.
+        most_bytes: memory limit [bytes]; None: 40 times the size on the disk, at least 256 MiB.
 
     Raises:
         RecordingError: no such run, no samples, channels that change or belong to two nodes, a

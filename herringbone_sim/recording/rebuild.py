@@ -20,14 +20,14 @@ _QOS = "offered_qos_profiles"
 
 @dataclass
 class Survey:
-    """Content of a file.
+    """Content of an MCAP file that was read to its end.
 
     Attributes:
-        scan: of the file, at its end.
-        tallies: by topic name and type, also of topics without messages.
+        scan: finished scan of the file.
+        tallies: (topic name, type) -> number of messages, also of topics without messages.
         samples: number of readable samples.
-        span_s: times of the first and last of them [s]; None without samples.
-        notes: a sentence on everything unusual.
+        span_s: times of the first and last readable sample [s]; None without samples.
+        notes: a sentence on each irregularity.
     """
 
     scan: Scan
@@ -47,13 +47,13 @@ class Survey:
 
     @property
     def loses_data(self) -> bool:
-        """Whether a copy would lack anything of this file."""
+        """Whether a copy lacks data of the file: an incomplete end, damaged or skipped records."""
         scan = self.scan
         return bool(scan.intact_bytes < scan.size or scan.damaged or scan.skipped)
 
 
 def survey(file: Path) -> Survey:
-    """Read a file from front to back; RecordingError if it can't be read."""
+    """Read an MCAP file to its end and count its content; RecordingError if it can't be read."""
     found = Survey(Scan(file))
     n_unread = 0
     for message in found.scan.messages():
@@ -81,7 +81,7 @@ def _key(topic: Topic) -> tuple[str, str]:
 
 
 def _count_samples(survey_so_far: Survey, message: ScannedMessage) -> None:
-    """Add the samples of a message to the survey."""
+    """Add number and time span of the samples in a message to the survey."""
     names, rows = decode_samples(message.message)
     survey_so_far.samples += len(rows)
     if len(rows) and "t" in names:
@@ -91,7 +91,7 @@ def _count_samples(survey_so_far: Survey, message: ScannedMessage) -> None:
 
 
 def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
-    """The topic, without its quality of service if that can't be parsed, and a note then."""
+    """Return the topic, without QoS profiles that can't be parsed, and notes on that."""
     try:
         profiles = parse_yaml(topic.metadata.get(_QOS, "")) or []
         if isinstance(profiles, list) and all(isinstance(one, dict) for one in profiles):
@@ -104,12 +104,12 @@ def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
 
 
 def rebuild(source: Survey, part: Path, name: str) -> Sequence[Tally]:
-    """Copy every intact message into a new, finished file; returns its tallies.
+    """Copy every intact message into a new, finished file; return its tallies.
 
     Args:
         source: survey of the file to copy.
         part: file to write, which must not exist; removed if the copy fails.
-        name: final name of the file.
+        name: final name of the file, to which the caller renames it.
 
     Raises:
         OSError: the disk fails.
@@ -136,7 +136,7 @@ def rebuild(source: Survey, part: Path, name: str) -> Sequence[Tally]:
 
 
 def _records(source: Survey) -> list[tuple[str, dict[str, str]]]:
-    """Metadata records of the copy: those of the source, and that it was recovered."""
+    """Return the metadata records of the copy: those of the source, marked as recovered."""
     told = [record for record in source.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)]
     own = dict(source.scan.metadata).get(RECORD_NAME, {})
     counted = {"samples_written": str(source.samples), **own, "recovered": "true"}

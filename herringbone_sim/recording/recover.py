@@ -1,7 +1,7 @@
 """Recover a run that was cut off: all intact data, with a new index and ``metadata.yaml``.
 
 After every step the run can be read, or recovered again: a new file is completed beside the old
-one, which gets a second name before the new one replaces it.
+file, which gets a second name if the new file lacks some of its data, and then replaces it.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class RecoveryReport:
     """Result of a recovery.
 
     Attributes:
-        paths: the intact .mcap files, in order.
-        was_complete: whether all files were finished already; then they were left as they are.
+        paths: the .mcap files of the recovered run, in order.
+        was_complete: whether all files were finished before.
         changed: whether anything was written.
-        messages: messages kept.
-        samples: samples kept.
-        span_s: times of the first and last sample kept [s]; None without samples.
-        bytes_dropped: length of the incomplete records at the ends.
-        chunks_dropped: damaged chunks left out.
-        originals: copies of cut files; empty if nothing was left out.
+        messages, samples: numbers of intact messages, and of readable samples.
+        span_s: times of the first and last readable sample [s]; None without samples.
+        bytes_dropped: length of the incomplete records at the ends of the files.
+        chunks_dropped: number of damaged records, mainly chunks, left out.
+        originals: files as they were before: with the ending ``.cut`` where data were left out;
+            all source files if the run was recovered into another folder.
         missing: names of files that ``metadata.yaml`` lists and that do not exist.
-        notes: a sentence on everything unusual.
+        notes: a sentence on each irregularity.
     """
 
     paths: tuple[Path, ...]
@@ -61,19 +61,20 @@ class RecoveryReport:
 def recover(path: Path | str, out: Path | str | None = None) -> RecoveryReport:
     """Rebuild index, summary and ``metadata.yaml`` of a run that was not finished.
 
-    Each new file replaces the old one atomically. The old one is kept as ``NAME_0.mcap.cut`` if
+    Each new file replaces the old file atomically. The old file remains as ``NAME_0.mcap.cut`` if
     anything in it had to be left out. Finished files are not changed; a missing or wrong
-    ``metadata.yaml`` is written and keeps the names of missing files. If it is killed at any
-    point, it can be called again.
+    ``metadata.yaml`` is replaced, with the names of missing files preserved. A recovery that was
+    killed can be repeated.
 
     Args:
-        path: run folder, or a .mcap file of it.
-        out: folder to create for the recovered run; the original is then not changed.
+        path: run folder, or a .mcap file in it.
+        out: folder to create for the recovered run, leaving the original unchanged; None to
+            recover in place.
 
     Raises:
-        RecordingError: nothing to recover, files of several runs in the folder, ``out`` exists, a
-            run that is still being recorded (without ``out``), or the disk fails; what was not
-            recovered is then unchanged.
+        RecordingError: there is nothing to recover, the folder has files of several runs, ``out``
+            exists, the run is still being recorded (without ``out``), or the disk fails; files not
+            recovered by then are unchanged.
     """
     files = _files(Path(path))
     if out is None:
@@ -96,7 +97,7 @@ def recover(path: Path | str, out: Path | str | None = None) -> RecoveryReport:
 
 
 def _files(path: Path) -> list[Path]:
-    """All files of the run, also if one of them is named, because they share ``metadata.yaml``."""
+    """Return all files of the run, also if ``path`` is one: they share ``metadata.yaml``."""
     alone = check_file(path)
     if alone and path.suffix != ".mcap":
         return [path]
@@ -123,7 +124,7 @@ def _check_ended(files: Sequence[Path]) -> None:
 
 
 def _report(surveys: Sequence[Survey], information: BagInformation) -> RecoveryReport:
-    """Report before anything is written."""
+    """Make the report as it is before anything is written."""
     spans = [one.span_s for one in surveys if one.span_s]
     cut = [one.scan for one in surveys if not one.scan.complete]
     return RecoveryReport(
@@ -144,7 +145,7 @@ def _report(surveys: Sequence[Survey], information: BagInformation) -> RecoveryR
 def _recover_elsewhere(
     surveys: Sequence[Survey], out: Path, report: RecoveryReport
 ) -> RecoveryReport:
-    """Write the recovered run into a new folder."""
+    """Write the recovered run into a new folder; return the final report."""
     if os.path.lexists(out):
         raise RecordingError(f"the folder for the recovered run must be new, {out} exists")
     part = out.with_name(f"{out.name}.part")
@@ -166,7 +167,7 @@ def _recover_elsewhere(
 
 
 def _sweep_folder(part: Path, name: str) -> None:
-    """Remove the remains of a killed recovery; RecordingError if anything else is there."""
+    """Remove the folder of a killed recovery; RecordingError if it holds anything else."""
     if not os.path.lexists(part):
         return
     held = {file.name for file in part.iterdir()} if part.is_dir() else {part.name}
@@ -186,7 +187,7 @@ def _sweep_folder(part: Path, name: str) -> None:
 def _recover_in_place(
     surveys: Sequence[Survey], report: RecoveryReport, information: BagInformation
 ) -> RecoveryReport:
-    """Replace cut files by recovered ones in the folder of the run."""
+    """Replace unfinished files by recovered files in the run folder; return the final report."""
     cut = [one for one in surveys if not one.scan.complete]
     for one in cut:
         _check_original_name(one)
@@ -210,7 +211,7 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """Path of the unfinished next file of a run, if its files are numbered."""
+    """Return the path where the file after ``last`` is begun; empty unless files are numbered."""
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:
         return []
@@ -218,12 +219,12 @@ def _next(last: Path) -> list[Path]:
 
 
 def _beside(file: Path, ending: str) -> Path:
-    """Path with an ending appended to the file name."""
+    """Return the path with an ending appended to the file name."""
     return file.with_name(f"{file.name}.{ending}")
 
 
 def _check_original_name(file_survey: Survey) -> None:
-    """Raise RecordingError if the name for the original is taken by another file."""
+    """Raise RecordingError if another file has the name that the original will get."""
     kept = _beside(file_survey.file, "cut")
     if (
         file_survey.loses_data
@@ -236,16 +237,14 @@ def _check_original_name(file_survey: Survey) -> None:
 
 
 def _is_original(file: Path, original: Path) -> bool:
-    """Whether the second name of a file exists already, from a recovery that was killed after
-    it.
-    """
+    """Whether ``original`` is a link to ``file`` or a copy, made by a recovery that was killed."""
     return original.is_file() and (
         file.samefile(original) or filecmp.cmp(file, original, shallow=False)
     )
 
 
 def _keep_original(file: Path) -> Path:
-    """Give a cut file a second name; copied where the file system has no hard links."""
+    """Link a cut file to ``NAME.cut``, or copy it where links are impossible; return that path."""
     kept = _beside(file, "cut")
     if _is_original(file, kept):
         return kept
@@ -262,9 +261,7 @@ def _keep_original(file: Path) -> Path:
 
 
 def _mend_metadata(surveys: Sequence[Survey], information: BagInformation) -> bool:
-    """Write ``metadata.yaml`` if it does not describe the files; returns whether it was
-    written.
-    """
+    """Write ``metadata.yaml`` if it does not describe the files; return whether it was written."""
     held = {one.file.name: tuple(one.tallies.values()) for one in surveys}
     folder = surveys[0].file.parent
     if information.up_to_date and information.n_messages == sum(one.messages for one in surveys):

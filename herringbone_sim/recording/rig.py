@@ -1,8 +1,7 @@
 """Simulate a rig: a campaign of recordings of a gear within its tolerances, with or without
 effects.
 
-The campaign is read by ``campaign.read_campaign``; the true effects are written to a separate
-label.
+``campaign.read_campaign`` reads the campaign; the true effects are in a separate file, the label.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ from herringbone_sim.recording.campaign import write_campaign
 from herringbone_sim.recording.writer import RunWriter, split_rows
 
 SCHEMA = "rig/label/1"
-FULL_SCALE = 2.0  # range of the converter over the largest value of a channel
+FULL_SCALE = 2.0  # full scale of the converter over the largest absolute value of a channel
 
-# Ranges of delta_T [K], K, T_1 [N m] and Omega, used by the runs in turn; periodic and chaotic.
+# Ranges of delta_T [K], K, T_1 [N m] and Omega; run i uses row i % 8. Periodic and chaotic motion.
 POINTS = (
     ((75.0, 95.0), (0.0, 0.0), (205.0, 320.0), (0.93, 1.05)),
     ((15.0, 45.0), (0.0, 0.0), (220.0, 480.0), (0.91, 1.12)),
@@ -52,17 +51,20 @@ class RigPlan:
     """Settings of a simulated campaign.
 
     Attributes:
-        nominal: the gear by its data sheet, full model.
-        actives: effects of the rig beyond its tolerances.
-        runs, held_out: number of runs, and how many of them, the last ones, are held out.
-        cycles, transient: mesh cycles recorded, and left out before.
-        noise_share: RMS of the noise as a share of the RMS of each channel.
-        bits: of the analogue-to-digital converter; 0 for none.
-        tolerance: largest relative deviation of a constant from the data sheet.
-        seed: of tolerances, operating points, initial states and noise.
-        later: 0, or the number of a later day: the same rig with other operating points, initial
-            states and noise.
-        channels: of meshes and bodies that are recorded; empty for all.
+        nominal: parameters of the gear by its data sheet, full model.
+        actives: effects of the rig, beside its tolerances.
+        runs, held_out: number of runs, of which the last ``held_out`` are held-out runs.
+        cycles, transient: mesh cycles recorded, and mesh cycles simulated before them.
+        noise_share: RMS of the noise over the RMS of each channel.
+        bits: resolution of the analogue-to-digital converter; 0: no rounding.
+        tolerance: largest relative deviation of a parameter from the data sheet.
+        seed: seed of tolerances, operating points, initial states and noise.
+        later: 0, or 1, 2, ... for further campaigns of the same rig with other operating points,
+            initial states and noise.
+        channels: mesh and body channels that are recorded; empty: all.
+
+    Raises:
+        RecordingError: ``later`` is negative, a channel is unknown, or no run is left to fit.
     """
 
     nominal: Parameters
@@ -97,7 +99,7 @@ class RigPlan:
 
 
 def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
-    """Draw effects by a seed: none or two with probability 0.2 each, else one."""
+    """Draw 0, 1 or 2 effects with probability 0.2, 0.6, 0.2; ``model`` gives the possible loci."""
     rng = np.random.default_rng([seed, 1])
     number = int(rng.choice((0, 1, 2), p=(0.2, 0.6, 0.2)))
     names = rng.choice(list(effects()), size=number, replace=False)
@@ -105,7 +107,7 @@ def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
 
 
 def _drawn(name: str, model: Model, rng: Generator) -> Active:
-    """An effect with a drawn place and drawn parameters."""
+    """Draw locus, options and parameters of the effect with the id ``name``."""
     one = effects()[name]
     if name == "channel_swap":
         planets = rng.permutation(len(model.layout.planets))[:2]
@@ -137,7 +139,15 @@ def _drawn(name: str, model: Model, rng: Generator) -> Active:
 
 
 def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
-    """Write runs and ``campaign.yaml``; returns the label, which is not written.
+    """Simulate a campaign; write its runs and ``campaign.yaml``.
+
+    Args:
+        folder: folder of the campaign.
+        plan: settings of the campaign.
+        name: name of the rig.
+
+    Returns:
+        Label with the true effects and parameters, for ``write_label``.
 
     Raises:
         RecordingError: a run exists, or can't be written.
@@ -162,10 +172,14 @@ def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
 def within_tolerance(
     nominal: Parameters, tolerance: float, rng: Generator
 ) -> tuple[Parameters, dict[str, float]]:
-    """Draw the parameters of the built gear, and their factors on the data sheet.
+    """Draw the parameters of a built gear within ``tolerance`` of its data sheet.
 
-    Drawn are stiffness and error of sun and ring meshes (separately), inertias, planet mass and
-    damping ratio. The natural frequency that Omega and K refer to stays that of the data sheet.
+    Stiffness and error of sun and ring meshes (separately), inertias, planet mass and damping
+    ratio are multiplied by factors within 1 - tolerance .. 1 + tolerance. The natural frequency
+    that Omega and K refer to stays that of the data sheet.
+
+    Returns:
+        Parameters of the built gear, and name -> factor.
     """
     names = ("k_m_sp", "k_m_rp", "I_s", "I_p", "I_c", "m_p", "I_r", "xi", "e_sp", "e_rp")
     factors = {name: float(rng.uniform(1.0 - tolerance, 1.0 + tolerance)) for name in names}
@@ -183,10 +197,19 @@ def within_tolerance(
 def make_run(
     plan: RigPlan, own: Parameters, point: dict[str, float], rng: Generator
 ) -> TimeSeries:
-    """Samples of a run as sensors and converter of the rig give them.
+    """Simulate a run; return its samples as sensors and converter of the rig record them.
 
-    x and v are measured by encoders and therefore contain the nominal e(t); the control torque is
-    computed with the nominal inertia of the carrier.
+    x and v are computed from encoder readings with the nominal mesh error e(t), and the control
+    torque with the nominal inertia of the carrier.
+
+    Args:
+        plan: settings of the campaign.
+        own: parameters of the built gear.
+        point: operating point delta_T [K], K, T_1 [N m], Omega.
+        rng: source of initial state and noise.
+
+    Raises:
+        DivergenceError: the state left the range of any physical motion.
     """
     nominal = build(plan.nominal.changed(point))
     ratio = nominal.scales.M_c / build(own).scales.M_c
@@ -202,7 +225,7 @@ def make_run(
 
 
 def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> TimeSeries:
-    """Samples with the nominal mesh error in x and v instead of the true one, and time from 0."""
+    """Return samples with the nominal mesh error in x and v, the nominal K, and time from 0."""
     data, names = series.data.copy(), series.names
     s, n = own.scales, own.layout.n_mesh
     for row in data:
@@ -216,7 +239,7 @@ def _as_encoders(series: TimeSeries, own: Model, nominal: Model, K: float) -> Ti
 
 
 def _digitised(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
-    """Samples with white noise added and rounded to the steps of the converter."""
+    """Add white noise to all channels except ``HEAD``, and round to the steps of the converter."""
     data = series.data.copy()
     for j, name in enumerate(series.names):
         if name not in HEAD:
@@ -229,7 +252,7 @@ def _digitised(series: TimeSeries, plan: RigPlan, rng: Generator) -> TimeSeries:
 
 
 def _point(i: int, rng: Generator) -> dict[str, float]:
-    """Operating point of run i, drawn from its ranges in ``POINTS``."""
+    """Draw the operating point of run i from its ranges in ``POINTS``."""
     hot, control, torque, speed = (rng.uniform(*bounds) for bounds in POINTS[i % len(POINTS)])
     return {
         "delta_T": round(float(hot), 1),
@@ -240,7 +263,7 @@ def _point(i: int, rng: Generator) -> dict[str, float]:
 
 
 def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
-    """Write a run as a bag."""
+    """Write a run as the bag ``name`` in a folder."""
     channels = {"channels": [describe(one) for one in series.names], "source": rig}
     writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
     for rows in split_rows(len(series), len(series.names)):
@@ -252,7 +275,7 @@ def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
 def _label(
     plan: RigPlan, factors: dict[str, float], entries: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Label of a campaign: the true effects and parameters."""
+    """Return the label of a campaign: its true effects, factors and operating points."""
     return {
         "schema": SCHEMA,
         "seed": plan.seed,
@@ -279,7 +302,7 @@ def _with_units(active_effect: Active) -> dict[str, Any]:
 
 
 def write_label(folder: Path, name: str, label: dict[str, Any]) -> str:
-    """Write ``NAME.json`` to a folder of labels; returns its SHA-256, which proves it unchanged.
+    """Write ``NAME.json`` to a folder of labels; return its SHA-256, to prove it unchanged.
 
     Raises:
         RecordingError: the label exists, or the folder can't be written.

@@ -1,4 +1,4 @@
-"""Write the files of one run one after the other, and track what became of them."""
+"""Write the files of a run one after the other; notice if other programs change them."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ RECORD_NAME = "herringbone_sim"
 
 @dataclass
 class _Count:
-    """Samples of one file.
+    """Numbers of samples of one file.
 
     Attributes:
-        written: passed to the writer.
-        flushed: known to be on the disk.
-        first_s, last_s: their times [s], NaN before the first.
+        written: number of samples passed to the writer.
+        flushed: number of samples known to be on the disk.
+        first_s, last_s: times of the first and last sample written [s]; NaN without samples.
     """
 
     written: int = 0
@@ -41,13 +41,13 @@ class _Count:
     last_s: float = float("nan")
 
     def add(self, n: int, first_s: float, last_s: float) -> None:
-        """Count n samples."""
+        """Count n samples, with the times [s] of the first and the last."""
         self.first_s = self.first_s if self.written else first_s
         self.last_s = last_s
         self.written += n
 
     def lose(self, flushed: int) -> str:
-        """Record that only ``flushed`` samples are left; returns a sentence on it."""
+        """Record that only ``flushed`` samples are left; return a text on the loss."""
         self.flushed = flushed
         gone = self.written - flushed
         span = f"t = {self.first_s:.9g} to {self.last_s:.9g} s" if self.written else "no time"
@@ -56,7 +56,7 @@ class _Count:
 
 @dataclass(frozen=True)
 class _Finished:
-    """A closed file of the run."""
+    """Identity, tallies and sample count of a closed file of the run."""
 
     file: FileIdentity
     tallies: tuple[Tally, ...]
@@ -64,18 +64,18 @@ class _Finished:
 
 
 class RunFiles:
-    """``NAME_0.mcap``, ``NAME_1.mcap``, ... in a run folder, and its ``metadata.yaml``.
+    """Writer of ``NAME_0.mcap``, ``NAME_1.mcap``, ... and ``metadata.yaml`` in a run folder.
 
     The first disk failure truncates the file after its last complete record and ends the run with
     RecordingError. A file that was deleted, replaced, cut or moved by another program ends it with
     RecordingLostError. Every later call is refused.
 
     Args:
-        folder: of the run, existing.
-        topics: of each file; the first two are ``channels`` and ``samples``.
+        folder: existing folder of the run.
+        topics: topics of each file; the first two are ``channels`` and ``samples``.
 
     Attributes:
-        losses: a sentence on each file that is not what was written.
+        losses: a sentence on each file that another program deleted, replaced, cut or moved.
         ended: why the run has ended; None before.
     """
 
@@ -89,12 +89,12 @@ class RunFiles:
 
     @property
     def written(self) -> int:
-        """Number of samples passed in."""
+        """Number of samples counted so far, in all files."""
         return sum(count.written for count in self._counts)
 
     @property
     def flushed(self) -> int:
-        """Number of samples known to be on the disk."""
+        """Number of samples known to be on the disk, in all files."""
         return sum(count.flushed for count in self._counts)
 
     @property
@@ -109,6 +109,10 @@ class RunFiles:
 
     def open(self, log_ns: int, channels: Buffer) -> None:
         """Open the next file; it gets its final name once the ``channels`` message is on the disk.
+
+        Args:
+            log_ns: log time of the message [ns].
+            channels: the serialised ``channels`` message.
 
         Raises:
             OSError: the disk fails.
@@ -129,7 +133,7 @@ class RunFiles:
         self._counts.append(_Count())
 
     def write(self, topic: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
-        """Append a message to the topic with that index."""
+        """Append a serialised message to the topic with the index ``topic``; times in ns."""
         with self._writing():
             self._bag.write(self._numbers[topic], log_ns, publish_ns, message)
 
@@ -151,7 +155,7 @@ class RunFiles:
             self.open(log_ns, channels)
 
     def close(self, health: Mapping[str, str]) -> None:
-        """Finish the current file and write ``metadata.yaml``."""
+        """Finish the current file with the counters ``health``, and write ``metadata.yaml``."""
         self._finish(health)
         self._note_gone()
         self._write_metadata()
@@ -172,7 +176,7 @@ class RunFiles:
             raise RecordingError(said) from error
 
     def _finish(self, health: Mapping[str, str]) -> None:
-        """Flush, end and close the current file."""
+        """Flush, complete and close the current file."""
         self.flush()
         with self._writing():
             self._end(health)
@@ -189,7 +193,7 @@ class RunFiles:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Context that turns errors of the disk into the end of the run."""
+        """Context manager in which a disk failure or a lost file ends the run with an error."""
         if self.ended:
             raise RecordingError(self.ended)
         try:
@@ -208,7 +212,7 @@ class RunFiles:
             ) from error
 
     def _lost(self, lost: FileLostError) -> RecordingLostError:
-        """End the run whose file is lost, and describe what of it is left."""
+        """End the run after its current file was lost; return the error that says what is lost."""
         path, flushed = self._bag.path, self._left(lost)
         lies = self._counts[-1].lose(flushed)
         left = f"; the rest is in {lost.where}" if lost.where else ""
@@ -221,7 +225,7 @@ class RunFiles:
         return RecordingLostError(said)
 
     def _left(self, lost: FileLostError) -> int:
-        """Number of samples left in a lost file; closes it."""
+        """Close a lost file; return the number of its samples that can still be read."""
         if lost.where:
             with suppress(OSError):
                 self._end({})
@@ -234,7 +238,7 @@ class RunFiles:
         return readable_samples(self._bag.path, self._topics[1].name) if lost.cut else 0
 
     def _note_gone(self, moved: Path | None = None) -> None:
-        """Note finished files that are gone, from the folder or from where it was moved to."""
+        """Add a loss for each finished file not intact in the run folder, nor in ``moved``."""
         places = [self.folder] if moved is None else [self.folder, moved]
         for one in list(self._finished):
             faults = [one.file.fault(place) for place in places]
@@ -244,7 +248,7 @@ class RunFiles:
 
 
 def readable_samples(file: Path, topic: str) -> int:
-    """Number of samples of a topic that can still be read from a file."""
+    """Count the samples of a topic that can still be read from a file."""
     found = 0
     with suppress(RecordingError):
         for one in Scan(file).messages():

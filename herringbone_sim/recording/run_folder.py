@@ -1,4 +1,4 @@
-"""Names and content allowed for a run, and the creation of its folder."""
+"""Check the name, channels and content of a run, and create its folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from herringbone_sim.errors import RecordingError
 
 
 def check_name(name: str) -> None:
-    """Raise RecordingError unless a name is that of a single folder."""
+    """Raise RecordingError unless ``name`` is valid as the name of a single folder."""
     led_out = name in ("", ".", "..") or any(mark in name for mark in "/\\") or Path(name).drive
     if led_out or name != name.strip() or not name.isprintable():
         raise RecordingError(
@@ -23,7 +23,7 @@ def check_name(name: str) -> None:
 
 
 def check_channels(names: Sequence[str]) -> None:
-    """Raise RecordingError unless the names are unique, free of commas and include ``t``."""
+    """Raise RecordingError unless the names are unique, have no commas and include ``t``."""
     odd = [name for name in names if not name.strip() or "," in name or name != name.strip()]
     if odd or "t" not in names or len(set(names)) != len(names):
         raise RecordingError(
@@ -33,7 +33,7 @@ def check_channels(names: Sequence[str]) -> None:
 
 
 def channels_text(channels: Mapping[str, Any]) -> str:
-    """Content of the ``channels`` topic as JSON; RecordingError if it can't be."""
+    """Return the ``channels`` content as JSON; RecordingError if JSON can't represent it."""
     try:
         return json.dumps(channels, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -44,7 +44,7 @@ def channels_text(channels: Mapping[str, Any]) -> str:
 
 
 def make_run_folder(record_dir: Path, name: str) -> Path:
-    """Create the folder of a run.
+    """Create the folder of a run and return its path.
 
     Raises:
         RecordingError: it exists, or can't be created.
@@ -67,13 +67,13 @@ def make_run_folder(record_dir: Path, name: str) -> Path:
 
 
 def next_run(folder: Path) -> str:
-    """First free name of a run that continues another: NAME-2, NAME-3, ..."""
+    """Return the first free name for a run that continues ``folder``: NAME-2, NAME-3, ..."""
     names = (f"{folder.name}-{number}" for number in itertools.count(2))
     return next(name for name in names if not (folder.parent / name).exists())
 
 
 def remedy(error: OSError) -> str:
-    """What a user can do about an OSError of writing."""
+    """Return advice to the user on an OSError that occurred in writing."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "free the disk"
     where = error.filename2 or error.filename
@@ -81,5 +81,5 @@ def remedy(error: OSError) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Text of an error."""
+    """Return the text of an error, or its class name if it has no text."""
     return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Parse JSON from outside; the only JSON reader of this package, with limits on size and depth."""
+"""Parse untrusted JSON within limits on size and depth; the only JSON reader of this package."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class JsonError(HerringboneError, ValueError):
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The JSON object in a file.
+    """Read the JSON object in a file.
 
     Raises:
         OSError: no such file, unreadable, or not a regular file.
-        JsonError: as ``parse_json``, or more than ``MOST_BYTES``, or not UTF-8.
+        JsonError: as ``parse_json``, or the file has more than ``MOST_BYTES`` or is not UTF-8.
     """
     return parse_json(json_text(path))
 
 
 def json_text(path: Path) -> str:
-    """Text of a file, for ``parse_json``; it is not parsed here.
+    """Read the text of a file for ``parse_json`` without parsing it.
 
     Raises:
         OSError: no such file, unreadable, or not a regular file.
@@ -46,14 +46,15 @@ def json_text(path: Path) -> str:
 def parse_json(
     text: str, levels: int = MOST_LEVELS, number: Callable[[str], float] = float
 ) -> dict[str, Any]:
-    """The JSON object in a text; integers have at most 64 bits.
+    """Parse the JSON object in a text.
 
     Args:
+        text: JSON; an integer may have at most 20 characters.
         levels: largest nesting depth.
-        number: converts ``1.5``, ``NaN`` or ``Infinity``, or raises ValueError.
+        number: converts the text of a float, ``NaN`` or ``Infinity``, or raises ValueError.
 
     Raises:
-        JsonError: no JSON, nested too deeply, or not an object.
+        JsonError: the text is no JSON object, nested too deeply, or has an invalid number.
     """
     try:
         content = json.loads(text, parse_int=_integer, parse_float=number, parse_constant=number)

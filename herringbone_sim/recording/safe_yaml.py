@@ -1,7 +1,7 @@
-"""Parse YAML from outside; the only YAML reader of this package, with limits on size and aliases.
+"""Parse untrusted YAML within limits on size and aliases; the only YAML reader of this package.
 
 Numbers are read as ROS reads them (``1e-4`` is a number, ``1:30`` and ``1_000`` are strings),
-dates are strings. The event stream is measured before any object is built.
+dates are strings. Limits are checked on the stream of YAML events before any object is built.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class YamlError(HerringboneError, ValueError):
 
 
 class _Loader(yaml.CSafeLoader):
-    """Safe YAML with strings, numbers, booleans and null, distinguished as in ROS."""
+    """Safe YAML loader that tells strings, numbers, booleans and null apart as ROS does."""
 
     yaml_implicit_resolvers = {}  # noqa: RUF012
 
@@ -58,7 +58,7 @@ for _kind, _pattern, _first in _PLAIN:
 
 
 def read_yaml(path: Path) -> dict[Any, Any]:
-    """The mapping in a file.
+    """Read the mapping in a YAML file.
 
     Raises:
         OSError: no such file, unreadable, or not a regular file.
@@ -71,7 +71,7 @@ def read_yaml(path: Path) -> dict[Any, Any]:
 
 
 def parse_yaml(text: str) -> Any:
-    """Content of a text: dict, list, str, int, float, bool or None.
+    """Parse a YAML text to a dict, list, str, int, float, bool or None.
 
     Raises:
         YamlError: no YAML, or beyond the limits on length, depth, aliases or scalars.
@@ -86,7 +86,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _text(path: Path) -> str:
-    """Text of a file; YamlError if it is too long or not UTF-8."""
+    """Read the text of a file; YamlError if it is too long or not UTF-8."""
     try:
         return file_text(path, MOST_BYTES)
     except ValueError as error:
@@ -95,7 +95,10 @@ def _text(path: Path) -> str:
 
 @dataclass
 class _Open:
-    """A list or mapping that has not ended: its anchor, keys, and numbers of nodes and entries."""
+    """A list or mapping whose end event has not come: anchor, keys, numbers of nodes and entries.
+
+    ``keys`` are those seen so far; None for a list. Each key and each value is an entry.
+    """
 
     anchor: str | None
     keys: set[str] | None
@@ -110,13 +113,18 @@ class _Open:
 
 @dataclass
 class _Measure:
-    """Walks over YAML events and raises YamlError where a limit is exceeded."""
+    """Counter of nodes in a stream of YAML events; raises YamlError where a limit is exceeded.
+
+    Attributes:
+        sizes: anchor -> number of nodes that its aliases stand for.
+        open: the lists and mappings that have not ended, outermost first.
+    """
 
     sizes: dict[str, int] = field(default_factory=dict)
     open: list[_Open] = field(default_factory=list)
 
     def take(self, event: Any) -> None:
-        """Measure one event."""
+        """Check one event and count its nodes."""
         if isinstance(event, yaml.AliasEvent):
             self._add(self._aliased(event))
         elif isinstance(event, yaml.ScalarEvent):
@@ -131,7 +139,7 @@ class _Measure:
             raise _refused(event, f"at most {MOST_NODES} values may stand in it, aliases resolved")
 
     def _aliased(self, event: Any) -> int:
-        """Number of nodes that an alias stands for."""
+        """Return the number of nodes that an alias stands for; YamlError if it is undefined."""
         if self.open and self.open[-1].key_comes:
             raise _refused(event, "a key must be a text, got an alias")
         if event.anchor not in self.sizes:
@@ -151,7 +159,7 @@ class _Measure:
         self._add(1)
 
     def _key(self, event: Any) -> None:
-        """Check that a key is not repeated."""
+        """Raise YamlError if a key is repeated in its mapping."""
         keys = self.open[-1].keys
         assert keys is not None
         if event.value in keys:
@@ -170,7 +178,7 @@ class _Measure:
         self.open.append(_Open(event.anchor, set() if mapping else None))
 
     def _store_size(self, anchor: str | None, n_nodes: int) -> None:
-        """Remember the number of nodes of an anchor."""
+        """Store the number of nodes of an anchor, if there is one."""
         if anchor is not None:
             self.sizes[anchor] = n_nodes
 
@@ -182,14 +190,14 @@ class _Measure:
 
 
 def _check(events: Iterable[Any]) -> None:
-    """Measure all events of a text; YamlError where a limit is exceeded."""
+    """Check all events of a text; YamlError where a limit is exceeded."""
     measure = _Measure()
     for event in events:
         measure.take(event)
 
 
 def _check_tag(event: Any) -> None:
-    """Refuse explicit type tags."""
+    """Raise YamlError for an explicit type tag."""
     if event.tag not in (None, "!", f"{_TAG}str", f"{_TAG}seq", f"{_TAG}map"):
         raise _refused(event, f"no type may be given to a value, got {shown(event.tag)}")
 
@@ -199,12 +207,12 @@ def _is_number(text: str) -> bool:
 
 
 def _refused(event: Any, rule: str) -> YamlError:
-    """Error with a rule and the line."""
+    """Return the error for a broken rule, with the line of the event."""
     return YamlError(f"{rule}, in line {event.start_mark.line + 1}")
 
 
 def _describe(error: yaml.YAMLError) -> str:
-    """Message of a PyYAML error in one line."""
+    """Return the message of a PyYAML error in one line."""
     mark = getattr(error, "problem_mark", None)
     where = f", in line {mark.line + 1}" if mark is not None else ""
     problem = (

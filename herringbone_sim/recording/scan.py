@@ -33,9 +33,9 @@ from herringbone_sim.recording.files import check_file
 
 # Far more topics than a robot has; rosbag2 describes each in metadata.yaml.
 MOST_TOPICS = 4096
-# Of all schemas and channels; a large message definition has some 50 kB.
+# Bytes of all schemas and channels together; a large message definition has some 50 kB.
 MOST_DEFINED_BYTES = 64 << 20
-# Damaged places of a file that are reported one by one.
+# Damaged records of a file that are noted one by one.
 MOST_NOTES = 10
 
 _MESSAGE = struct.Struct("<HIQQ")
@@ -53,7 +53,7 @@ _DAMAGE = (zstandard.ZstdError, EndOfFile, RuntimeError, ValueError, struct.erro
 
 
 class ScannedMessage(NamedTuple):
-    """A message in the file; times in ns."""
+    """A serialised message in an MCAP file, with its topic, log time and publish time [ns]."""
 
     topic: Topic
     log_ns: int
@@ -66,15 +66,15 @@ class Scan:
 
     Args:
         path: the file.
-        most_bytes: largest size of a decompressed chunk, and of any other record.
+        most_bytes: largest size [bytes] of a decompressed chunk, and of any record.
 
     Attributes:
-        topics: by channel number, as far as read.
+        topics: channel number -> topic, as far as read.
         metadata: metadata records (name, content), in order.
         complete: whether the file was finished and its index is intact.
-        size: bytes of the file.
-        intact_bytes: bytes up to the end of the last complete record.
-        damaged: number of records, mainly chunks, left out.
+        size: size of the file [bytes].
+        intact_bytes: bytes up to the end of the last complete record; ``size`` if it was finished.
+        damaged: number of damaged records, mainly chunks, which are left out.
         skipped: number of attachments, and of messages of an undefined channel.
     """
 
@@ -102,7 +102,8 @@ class Scan:
         """Yield every intact message, in the order of the file.
 
         Raises:
-            RecordingError: no MCAP file, an unsupported compression, or too many topics.
+            RecordingError: the file can't be opened or is no MCAP file, its only messages have an
+                unsupported compression, or it has too many topics.
         """
         with self._open() as stream:
             self._check_magic(stream)
@@ -117,7 +118,7 @@ class Scan:
         self.complete &= self._ended
 
     def _open(self) -> BinaryIO:
-        """Open the file; not a pipe or a device, as reading could block or change it."""
+        """Open the file; RecordingError for a pipe or a device, as reading could block."""
         check_file(self.path)
         try:
             self.size = self.path.stat().st_size
@@ -139,7 +140,10 @@ class Scan:
         self.intact_bytes = stream.tell()
 
     def _read_summary(self, stream: BinaryIO) -> None:
-        """Read topics of a finished file from its summary, as their first copy may be damaged."""
+        """Read the topics in the summary of a finished file, as those in chunks may be damaged.
+
+        Sets ``complete`` if footer and checksum are intact.
+        """
         start = stream.tell()
         at = max(self.size - _TAIL, start)
         stream.seek(at)
@@ -161,7 +165,7 @@ class Scan:
     def _records(
         self, stream: BinaryIO, taken: frozenset[int]
     ) -> Iterator[tuple[int, memoryview]]:
-        """Yield records of some kinds up to the end of the section or the first incomplete one."""
+        """Yield (opcode, content) of ``taken`` records until the section or the data end."""
         at, most = stream.tell(), self._budget.per_chunk
         while len(head := stream.read(RECORD.size)) == RECORD.size:
             opcode, length = RECORD.unpack(head)
@@ -185,7 +189,7 @@ class Scan:
                 stream.seek(at)
 
     def _intact(self, opcode: int, body: memoryview) -> Iterator[ScannedMessage]:
-        """Yield the messages of a record as far as it is intact."""
+        """Yield the messages of a record, and store any other content; damage is only noted."""
         try:
             if opcode == _MESSAGE_CODE:
                 yield from self._message(body)
@@ -203,7 +207,7 @@ class Scan:
             self._leave_out(len(body), str(error) or type(error).__name__)
 
     def _leave_out(self, length: int, why: str) -> None:
-        """Count and note a damaged record."""
+        """Count and note a damaged record of ``length`` bytes."""
         self.damaged += 1
         if self.damaged <= MOST_NOTES:
             self._notes.append(
@@ -212,7 +216,7 @@ class Scan:
             )
 
     def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
-        """The message of a record, none if its channel is undefined."""
+        """Return (message,) of a message record; () if its channel is undefined."""
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         self._n_messages += 1
         topic = self.topics.get(channel)
@@ -222,7 +226,7 @@ class Scan:
         return (ScannedMessage(topic, log_ns, publish_ns, body[_MESSAGE.size :]),)
 
     def _note_record(self, opcode: int, body: memoryview) -> None:
-        """Take a metadata, statistics, schema or channel record."""
+        """Store the content of a metadata, statistics, schema or channel record."""
         if opcode == Opcode.METADATA:
             record = Metadata.read(_fields(body))
             self.metadata.append((record.name, record.metadata))
@@ -232,7 +236,7 @@ class Scan:
             self._define(opcode, body)
 
     def _define(self, opcode: int, body: memoryview) -> None:
-        """Register a schema or a channel; files repeat them, for instance before each chunk."""
+        """Register a schema or a channel, which files repeat, for instance before each chunk."""
         key = (opcode, bytes(body[:2]))
         content = bytes(body)
         if self._defined.get(key) == content:
@@ -263,7 +267,7 @@ class Scan:
 
     @property
     def notes(self) -> list[str]:
-        """A sentence on everything unusual."""
+        """A sentence on each irregularity, except on the end of the file, see ``end_notes``."""
         more = self.damaged - MOST_NOTES
         notes = self._notes + ([f"{more} more records are damaged and left out"] * (more > 0))
         if self._counted is not None and self._counted != self._n_messages:
@@ -274,7 +278,7 @@ class Scan:
         return notes
 
     def end_notes(self) -> list[str]:
-        """A sentence on an end that is missing or damaged."""
+        """Return a sentence on a missing end or a damaged index; an empty list if intact."""
         if self.complete:
             return []
         if self._index_damaged:

@@ -1,4 +1,4 @@
-"""Message types of a recording in rosbag2's form: definition, type hash, quality of service."""
+"""Message types of a recording as rosbag2 stores them: definition, type hash, QoS profile."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _DEFINITIONS = {
 
 
 def _text(root: str, *dependencies: str) -> str:
-    """ros2msg definition of a type followed by those of its dependencies."""
+    """Return the ros2msg definition of a type, followed by those of its dependencies."""
     parts = [f"{_DEFINITIONS[root]}\n"]
     parts += [f"{_SEPARATOR}\nMSG: {name}\n{_DEFINITIONS[name]}\n" for name in dependencies]
     return "".join(parts)
@@ -101,7 +101,10 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 def qos_profile(depth: int, latched: bool = False) -> dict[str, Any]:
-    """Reliable, keep-last profile in the keys of metadata version 9; latched = transient local."""
+    """Return a reliable keep-last QoS profile under the keys of rosbag2 metadata version 9.
+
+    ``latched`` makes it transient local: a late subscriber gets the last message.
+    """
     return {
         "history": "keep_last",
         "depth": depth,
@@ -116,5 +119,5 @@ def qos_profile(depth: int, latched: bool = False) -> dict[str, Any]:
 
 
 def dump_yaml(content: object) -> str:
-    """YAML in block style with the order kept, like rosbag2's."""
+    """Return content as YAML in block style, keys in their order, like that of rosbag2."""
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=False, width=10_000)

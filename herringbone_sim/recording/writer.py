@@ -1,7 +1,7 @@
 """Record a run as a bag that survives a kill, a full disk, and deletion of its files by others.
 
 The caller, in one thread, passes blocks of samples, states and parameter changes, calls ``flush``
-every half second, ``next_file`` when a file is large enough, and ``close`` at the end.
+at least every half second, ``next_file`` when a file is large enough, and ``close`` at the end.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ MESSAGE_LIMIT = 64_000
 
 
 def stamp_ns(t_s: float) -> int:
-    """Time [s] in nanoseconds, rounded."""
+    """Convert a time [s] to nanoseconds, rounded."""
     return round(t_s * 1e9)
 
 
 def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
-    """Slices of a block (n, c) such that each message stays below 64000 bytes.
+    """Split the rows of a block (n, c) into slices whose messages have at most 64000 bytes.
 
     Args:
-        n: samples in the block.
-        c: channels.
-        label_bytes: length of the comma-separated channel names; by default 32 per channel.
+        n: number of samples in the block.
+        c: number of channels.
+        label_bytes: length of the comma-separated channel names; None: 32 per channel.
 
     Raises:
         RecordingError: not even one sample fits.
@@ -79,8 +79,8 @@ class RunWriter:
 
     The first disk failure raises RecordingError, truncates the file after its last complete record
     and ends the recording: what was written stays readable, every later write raises
-    RecordingError, and ``close`` does nothing. A file that another program deleted, replaced, cut
-    or moved during the recording does the same with RecordingLostError.
+    RecordingError, and ``close`` does nothing. If another program deletes, replaces, cuts or moves
+    the current file, the recording ends likewise, with RecordingLostError.
     """
 
     def __init__(self, files: RunFiles, channel_names: tuple[str, ...], start_ns: int):
@@ -99,14 +99,14 @@ class RunWriter:
         start_ns: int,
         t_s: float = 0.0,
     ) -> RunWriter:
-        """Create ``record_dir/name/name_0.mcap`` and write the ``channels`` message.
+        """Create ``record_dir/name/name_0.mcap`` and write the ``channels`` message into it.
 
         Args:
             record_dir: folder of the runs, created if missing.
             name: name of the run.
             topic_prefix: full name of the node, such as ``/herringbone_sim``.
             channels: content of the ``channels`` topic, written as JSON.
-            channel_names: c names of the columns of a block; one is ``t``.
+            channel_names: names of the c columns of a block; one is ``t``.
             start_ns: wall time [ns] of t = 0.
             t_s: time [s] of the first sample.
 
@@ -139,7 +139,7 @@ class RunWriter:
 
     @property
     def samples_written(self) -> int:
-        """Number of samples passed in: the counter that proves that none was lost."""
+        """Number of samples passed to ``write_samples``, to compare with those in the files."""
         return self._files.written
 
     @property
@@ -149,9 +149,9 @@ class RunWriter:
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """A sentence on each file that is not what was written.
+        """A sentence on each file that another program deleted, replaced, cut or moved.
 
-        Files that were finished before are checked at each ``flush``, and raise nothing.
+        Finished files are checked at each ``flush``; their loss is listed here and raises nothing.
         """
         return tuple(self._files.losses)
 
@@ -162,11 +162,15 @@ class RunWriter:
 
     @property
     def file_first_s(self) -> float:
-        """Time [s] of the first sample of the current file; NaN before it."""
+        """Time [s] of the first sample of the current file; NaN without samples."""
         return self._files.first_s
 
     def write_samples(self, block: Array, publish_ns: int | None = None) -> None:
-        """Write a block (n, c) of samples, split into messages below 64 kB.
+        """Write a block (n, c) of samples, split into messages of at most 64 kB.
+
+        Args:
+            block: samples, columns as ``channel_names``.
+            publish_ns: publish time [ns]; None: the log time of each message.
 
         Raises:
             RecordingError: a wrong shape, a time that is not finite, a failing disk, or a
@@ -193,8 +197,10 @@ class RunWriter:
         effort: Array,
         publish_ns: int | None = None,
     ) -> None:
-        """Write displacement [m], velocity [m/s] and force [N], each (m,), of m meshes at t_s
-        [s].
+        """Write displacement [m], velocity [m/s] and force [N], each (m,), of m meshes at ``t_s``.
+
+        Raises:
+            RecordingError: as ``write_parameter_event``, or arrays that differ in length.
         """
         state = JointState(self._stamp(t_s), names, position, velocity, effort)
         self._write(STATE, t_s, encode_joint_state(state), publish_ns)
@@ -211,9 +217,8 @@ class RunWriter:
         Args:
             t_s: simulation time at which they took effect [s].
             node_name: full name of the node.
-            changed: new values by name of the parameter.
-            publish_ns: publish time of the message, wall time [ns]; None: the wall time of
-                ``t_s``.
+            changed: parameter name -> new value.
+            publish_ns: publish time of the message, wall time [ns]; None: that of ``t_s``.
 
         Raises:
             RecordingError: a time that is not finite, a value of a type that ROS does not have, a
@@ -223,7 +228,7 @@ class RunWriter:
         self._write(EVENTS, t_s, encode_parameter_event(event), publish_ns)
 
     def flush(self) -> None:
-        """Write everything to the disk and check the files: call it every half second.
+        """Write everything to the disk and check the files; call it at least every half second.
 
         Raises:
             RecordingLostError: the file is no longer what was written.
@@ -232,8 +237,7 @@ class RunWriter:
         self._files.flush()
 
     def next_file(self, channels: Mapping[str, Any], t_s: float) -> None:
-        """Finish the current file and continue in the next one, ``NAME_1.mcap`` after
-        ``NAME_0.mcap``.
+        """Finish the current file and begin the next: ``NAME_1.mcap`` after ``NAME_0.mcap``.
 
         Args:
             channels: content of the ``channels`` topic with the state at the next sample, so that
@@ -247,10 +251,10 @@ class RunWriter:
         self._files.next(self._log_ns(t_s), encode_string(channels_text(channels)))
 
     def close(self, health: Mapping[str, str] | None = None) -> None:
-        """Finish the file and write ``metadata.yaml``; does nothing if the recording has ended.
+        """Finish the file and write ``metadata.yaml``; do nothing if the recording has ended.
 
         Args:
-            health: further counters to store in the file, such as dropped blocks.
+            health: more counters to store in the file, such as ``samples_offered``.
 
         Raises:
             RecordingLostError: the file is no longer what was written.
@@ -260,7 +264,7 @@ class RunWriter:
             self._files.close(health or {})
 
     def _stamp(self, t_s: float) -> int:
-        """Time [s] in nanoseconds; RecordingError if it is not finite."""
+        """Convert a time [s] to nanoseconds; RecordingError if it is not finite."""
         if not np.isfinite(t_s):
             raise RecordingError(
                 f"the time of a message must be finite, got {t_s!r} s: record nothing of a "
@@ -269,17 +273,17 @@ class RunWriter:
         return stamp_ns(t_s)
 
     def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
-        """Append a message to a topic."""
+        """Append the message of time t_s [s] to the topic with the index ``topic``."""
         log_ns = self._log_ns(t_s)
         self._files.write(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
 
     def _log_ns(self, t_s: float) -> int:
-        """Wall time [ns] of a simulation time [s]."""
+        """Return the wall time [ns] of a simulation time [s]."""
         return self._start_ns + self._stamp(t_s)
 
 
 def _topics(prefix: str) -> list[Topic]:
-    """Topics of each file of a run, in the order of the indices above."""
+    """Return the topics of each file of a run: channels, samples, state, parameter events."""
     return [
         Topic.of(f"{prefix}/channels", STRING, qos_profile(1, latched=True)),
         Topic.of(f"{prefix}/samples", FLOAT64_MULTI_ARRAY, qos_profile(10)),

@@ -1,4 +1,4 @@
-"""``gap live``: compares the samples of a rig and a simulator, and publishes the residual."""
+"""Node of the verb ``gap live``: compares the samples of a rig with those of a simulator."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from herringbone_sim.ros.qos import LATCHED, STREAM
 from herringbone_sim.views.mirror.live_text import data
 
 NAME = "gap"
-DEPTH = 200
+DEPTH = 200  # samples messages queued by a subscription
 SAMPLES = "std_msgs/msg/Float64MultiArray"
 REST = 2.0  # least pause after a comparison, as a multiple of its duration
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Topics to compare, and how often.
+    """Settings of a live comparison.
 
     Attributes:
         rig, simulator: prefixes of the topics ``samples`` and ``channels``.
         nominal: parameters of the rig by its data sheet.
-        noise_share: RMS of the rig's noise as a share of the RMS of each channel; None if unknown.
+        noise_share: RMS of the rig's noise over the RMS of each channel; None: from the spectra.
         every_s: least wall time between comparisons [s].
-        for_s: wall time after which it ends [s]; infinite by default.
+        for_s: wall time after which the comparison ends [s]; infinite by default.
     """
 
     rig: str
@@ -80,14 +80,14 @@ class GapNode(GuardedNode):
         self._place = self.create_publisher(String, "~/place", STREAM)
 
     def _hear(self, message: DiagnosticArray) -> None:
-        """Pass the diagnostics of the two simulators to their streams."""
+        """Callback of ``/diagnostics``: pass messages of rig and simulator to their streams."""
         for status in message.status:
             stream = self._streams.get(status.name)
             if stream:
                 stream.set_diagnostics(one_line(status.message))
 
     def look(self) -> ComparisonResult:
-        """Compare the latest samples and publish the result."""
+        """Compare the latest samples, publish the result and return it."""
         for listener in self._listeners:
             listener.follow()
         picture = self.comparison.update()
@@ -95,12 +95,12 @@ class GapNode(GuardedNode):
         return picture
 
     def sample_topics(self) -> tuple[str, ...]:
-        """Topics of samples that exist, whoever publishes them."""
+        """Names of all topics that carry samples, whichever node publishes them."""
         found = self.get_topic_names_and_types()
         return tuple(n for n, kinds in found if n.endswith("/samples") and SAMPLES in kinds)
 
     def _publish(self, picture: ComparisonResult) -> None:
-        """Publish residual, difference of the motions, and place."""
+        """Publish residual by place, rig minus simulator by mesh, and the whole as JSON."""
         found = picture.residual
         if found is not None and picture.rig.fresh:
             values = Values(
@@ -120,7 +120,7 @@ class GapNode(GuardedNode):
 
 
 class _Listener:
-    """Subscriptions to one stream, with the reliability of its publisher."""
+    """Subscriptions to samples and channels of one stream; ParameterError for an invalid topic."""
 
     def __init__(self, node: GapNode, stream: SampleStream) -> None:
         self._node, self._stream = node, stream
@@ -133,8 +133,9 @@ class _Listener:
             raise ParameterError(f"{stream.topic} is no name of a topic: {error}") from error
 
     def follow(self) -> None:
-        """Subscribe with the publisher's reliability: a reliable subscriber gets nothing of best
-        effort.
+        """Subscribe again if the reliability of the publishers changed.
+
+        A reliable subscription receives nothing from a best-effort publisher.
         """
         known = self._node.get_publishers_info_by_topic(self._stream.topic)
         reliable = all(
@@ -146,7 +147,7 @@ class _Listener:
             self._samples = self._subscribe()
 
     def _subscribe(self) -> Any:
-        """Subscription with the present reliability."""
+        """Subscribe to the samples with the reliability of their publishers."""
         kind = ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(reliability=kind, history=HistoryPolicy.KEEP_LAST, depth=DEPTH)
         return self._node.create_subscription(
@@ -155,10 +156,11 @@ class _Listener:
 
 
 def listen(plan: Plan, show: Callable[[ComparisonResult, tuple[str, ...]], None]) -> int:
-    """Compare repeatedly until SIGINT, SIGTERM or the end of the time; returns 0.
+    """Compare rig and simulator repeatedly until SIGINT, SIGTERM or ``plan.for_s``; return 0.
 
     Args:
-        show: called with every comparison and the topics of samples that exist.
+        plan: what is compared, how often and how long.
+        show: called with every comparison and the names of all topics that carry samples.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -182,7 +184,7 @@ def _look_on(
     stop: threading.Event,
     show: Callable[[ComparisonResult, tuple[str, ...]], None],
 ) -> None:
-    """Compare repeatedly while a thread serves the node."""
+    """Compare repeatedly until ``stop`` or the end of the time, while a thread serves the node."""
     executor = SingleThreadedExecutor(context=node.context)
     over = threading.Event()
     thread = threading.Thread(

@@ -20,12 +20,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
-TURN_S = 0.2  # longest wait before a signal is noticed
+TURN_S = 0.2  # longest wait in the executor before a signal is noticed
 LONGEST_LINE = 300  # characters of a refusal, however long the message was
 
 
 def one_line(text: str) -> str:
-    """Text on one line of at most 300 characters, with the middle left out if it is longer."""
+    """Text on one line of about 300 characters at most; a longer one loses its middle."""
     plain = textwrap.shorten(text, len(text) + 1)
     if len(plain) <= LONGEST_LINE:
         return plain
@@ -34,18 +34,18 @@ def one_line(text: str) -> str:
 
 
 def with_names(reason: str, names: Sequence[str]) -> str:
-    """A reason prefixed with the names of its parameters, unless it mentions one of them."""
+    """Reason of a refusal, prefixed with its parameters' names unless it mentions one of them."""
     if any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", reason) for name in names):
         return reason
     return f"{', '.join(names)}: {reason}"
 
 
 class GuardedNode(Node):  # type: ignore[misc]
-    """A node whose callbacks may raise, in any executor.
+    """Node that survives exceptions of its callbacks, in any executor.
 
     Attributes:
         refused: number of messages, requests and callbacks that were refused or failed.
-        last_refused: reason of the last one.
+        last_refused: reason of the last refusal or failure; empty before.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -64,7 +64,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         return said
 
     def failed(self, what: str, error: Exception) -> str:
-        """Count and log an unexpected error; returns the message."""
+        """Count and log an unexpected error in ``what``; returns the message on one line."""
         return self.refuse(f"{what}: this is an error of ours: {error!r}")
 
     def create_subscription(
@@ -91,7 +91,7 @@ class GuardedNode(Node):  # type: ignore[misc]
     def _guarded(
         self, callback: Callable[..., Any], what: str, instead: Callable[[], Any] | None = None
     ) -> Callable[..., Any]:
-        """Callback that logs an exception and returns ``instead()`` or None."""
+        """Wrap a callback: an exception is counted and logged, and gives ``instead()`` or None."""
 
         @functools.wraps(callback)
         def call(*args: Any) -> Any:
@@ -104,7 +104,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         return call
 
     def set_from_messages(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
-        """Accept or refuse a set of parameters as a whole, of any names, types and values."""
+        """Set all of the parameters or none; a refusal is counted, its reason is in the result."""
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
         except (ValueError, TypeError) as error:
@@ -122,7 +122,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         return result
 
     def serve(self, executor: Executor, going: Callable[[], bool]) -> None:
-        """Spin while ``going``; exceptions of the executor itself are counted."""
+        """Spin an executor while ``going()``; exceptions of the executor itself are counted."""
         executor.add_node(self)
         while going() and self.context.ok():
             try:
@@ -134,8 +134,8 @@ class GuardedNode(Node):  # type: ignore[misc]
 
 
 class _CheckedParameterService(ParameterService):  # type: ignore[misc]
-    """The parameter services of rclpy; a request to set always gets a result for each
-    parameter.
+    """The parameter services of rclpy, changed so that every request to set gets its results, even
+    one with invalid values.
     """
 
     def _set_parameters_callback(

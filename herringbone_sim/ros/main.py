@@ -1,4 +1,4 @@
-"""``ros2 run herringbone_sim simulator``: the node in a process of its own."""
+"""Run the simulator node as a process, as ``ros2 run herringbone_sim simulator`` does."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from herringbone_sim.ros.guarded import one_line
 from herringbone_sim.ros.node import THREADS, SimulatorNode
 
 OF_ROS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
-ANSWERS_S = 2.0  # longest wait for running services at the end
+ANSWERS_S = 2.0  # longest wait for running services to answer at the end
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; returns 2 if its parameters are invalid.
+    """Run the node until SIGINT or SIGTERM; return 0, or 2 for invalid arguments or parameters.
 
     Signals are handled here, because ROS must stay up until the node has ended its recording.
     """
@@ -50,11 +50,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def spin(node: SimulatorNode, stop: threading.Event) -> None:
-    """Serve until ``stop`` is set, then let running services answer."""
+    """Run the node's callbacks until ``stop`` is set, then close its loop and await services."""
     executor = MultiThreadedExecutor(num_threads=THREADS, context=node.context)
     node.serve(executor, lambda: not stop.is_set())
     node.loop.close()
-    # ``shutdown`` of Jazzy's executors is told to wait for running callbacks and does not.
+    # ``shutdown`` of the executors of ROS Jazzy should wait for running callbacks but does not.
     executor._work_tracker.wait(ANSWERS_S)
     executor.shutdown(timeout_sec=ANSWERS_S)
 

@@ -20,7 +20,7 @@ from herringbone_sim.views.mirror.target import MirrorTarget
 
 
 class Mirror:
-    """Feeds a ``RerunMirror`` with deliveries; inactive with ``mirror: off``."""
+    """Passes deliveries to a ``RerunMirror``; does nothing with the parameter ``mirror: off``."""
 
     def __init__(self, mirror: RerunMirror) -> None:
         self._mirror = mirror
@@ -28,10 +28,12 @@ class Mirror:
 
     @classmethod
     def of(cls, model: Model, options: Mapping[str, Any], report: Callable[[str], None]) -> Mirror:
-        """Mirror from the node's ``mirror*`` parameters; ParameterError if they are invalid.
+        """Create the mirror by the node's parameters ``mirror*``; ParameterError if invalid.
 
         Args:
-            report: called with messages on failures.
+            model: model at the start of the run.
+            options: values of the parameters ``mirror*`` by name.
+            report: called with a text on each failure.
         """
         s = model.scales
         target = MirrorTarget(
@@ -54,7 +56,7 @@ class Mirror:
         return self._mirror.dropped
 
     def show(self, deliveries: list[Delivery], regime: Regime) -> None:
-        """Queue the latest deliveries without waiting."""
+        """Queue deliveries, with the regime at their end, for the viewer without waiting."""
         if self._mirror.mode == "off":
             return
         last = deliveries[-1]
@@ -77,7 +79,7 @@ class Mirror:
         self._mirror.put(block)
 
     def _events(self, deliveries: list[Delivery], regime: Regime) -> tuple[str, ...]:
-        """Texts on parameter changes, and on a new kind of motion."""
+        """Texts on the parameter changes of deliveries, and on a change of the regime."""
         lines = [
             f"t = {change.t_s:.6f} s: " + ", ".join(f"{k} = {v}" for k, v in change.values.items())
             for delivery in deliveries

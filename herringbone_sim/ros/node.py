@@ -1,6 +1,6 @@
-"""The node: parameters, commands and services around the loop; streams, recorder and mirror.
+"""ROS node of the simulator: connects topics, parameters and services with loop and recorder.
 
-Slightly over 300 lines: every callback of the node stands here, the work in the other modules.
+Slightly over 300 lines: it has every callback of the node; other modules do the work.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from herringbone_sim.runtime import Delivery, Loop, check_pace
 NAME = "herringbone_sim"
 COMMANDS = ("K", "delta_T")
 PACE = ("real_time_factor", "publish_rate")
-THREADS = 4  # of an executor: for a step, another service, parameters and commands, the timers
+THREADS = 4  # of the executor: a step, another service, parameters and commands, timers
 COMPILING = "compiling the kernel, once on this machine: 30 s or more, samples come after that"
 COMPILING_EFFECTS = (
     "compiling the effects, once on this machine: a minute or more, the motion goes on"
@@ -94,7 +94,8 @@ class SimulatorNode(GuardedNode):
     def _open(self) -> None:
         """Register callbacks, services and timers, then start streams, recording and loop.
 
-        Last in ``__init__``, as they use all that it made. It records if ``record`` is true.
+        Called last in ``__init__``, as the callbacks use its attributes. A recording is started if
+        the parameter ``record`` is true.
         """
         self.add_on_set_parameters_callback(self._validate)
         self.add_post_set_parameters_callback(self._apply)
@@ -124,7 +125,7 @@ class SimulatorNode(GuardedNode):
             self._sim_clock.tick()
 
     def _offer(self, name: str, serve: Callable[[], str], group: CallbackGroup) -> None:
-        """Create a service from a function that returns its message or raises."""
+        """Create the Trigger service ``~/name``; ``serve`` returns its message, or raises."""
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
@@ -139,7 +140,7 @@ class SimulatorNode(GuardedNode):
         self.create_service(Trigger, f"~/{name}", answer, callback_group=group)
 
     def _record_first(self) -> None:
-        """Start the recording that ``record: true`` asks for; log a failure."""
+        """Start the recording of the parameter ``record``; log its folder or the failure."""
         try:
             path = self._start_recording(self.loop.model, self.loop.state)
             self.get_logger().info(f"recording to {path}")
@@ -152,7 +153,7 @@ class SimulatorNode(GuardedNode):
         self.streams.put(delivery)
 
     def _mirror_on(self, deliveries: list[Delivery], regime: Regime) -> None:
-        """Pass deliveries to the mirror."""
+        """Tell the decimator the speed reached, and pass deliveries to the mirror."""
         self._decimate.speed = self.loop.pace.reached or 1.0
         self.mirror.show(deliveries, regime)
 
@@ -165,7 +166,7 @@ class SimulatorNode(GuardedNode):
         self.get_logger().error(text)
 
     def _validate(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Callback of rclpy before parameters are set: refuse invalid ones."""
+        """Callback of rclpy before parameters are set; refuses invalid values."""
         try:
             self._check(ros_parameters.plain(parameters))
         except ParameterError as error:
@@ -197,7 +198,7 @@ class SimulatorNode(GuardedNode):
         return result
 
     def _check(self, values: dict[str, Any]) -> None:
-        """Check new values together with those in force; ParameterError if the gear is invalid."""
+        """Check new values together with those in force; ParameterError if they are invalid."""
         for name, value in values.items():
             if is_known(name):
                 check(name, value)
@@ -222,7 +223,7 @@ class SimulatorNode(GuardedNode):
             self._decimate.publish_rate = values["publish_rate"]
 
     def _command(self, name: str) -> Any:
-        """Callback of a command topic: set the parameter of that name."""
+        """Return the callback of a command topic, which sets the parameter ``name``."""
 
         def take(message: Float64) -> None:
             parameter = Parameter(name, Parameter.Type.DOUBLE, message.data)
@@ -231,7 +232,7 @@ class SimulatorNode(GuardedNode):
         return take
 
     def _pause(self) -> str:
-        """Service ``pause``."""
+        """Service ``pause``; returns its message, as all services do."""
         self.loop.pause()
         return f"paused at t = {self.loop.call(lambda _, state: state.t):.9g} s"
 
@@ -264,7 +265,7 @@ class SimulatorNode(GuardedNode):
         return f"reset to t = 0 s{said}"
 
     def _reset_now(self, name: str) -> str:
-        """Reset the loop; returns a text on the recording that was running."""
+        """Reset the loop, start a new recording if one was running; return a text on both."""
         ended = self.recorder.end() if self.recorder.path else None
         self.loop.reset()
         self.fault = ""
@@ -286,7 +287,7 @@ class SimulatorNode(GuardedNode):
         return f"recording to {path}"
 
     def _start_recording(self, model: Model, state: State, name: str = "") -> Path:
-        """Start a recording at a state; returns its folder."""
+        """Start a recording at a state, named ``name`` or by the parameters; return its folder."""
         try:
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:
@@ -306,7 +307,7 @@ class SimulatorNode(GuardedNode):
         return str(outcome)
 
     def _diagnose(self) -> None:
-        """Publish ``/diagnostics``."""
+        """Publish the status in ``/diagnostics``; log once that a kernel is being compiled."""
         if self.loop.compiling:
             self._say_once(COMPILING_EFFECTS if self.loop.ready else COMPILING)
         message = DiagnosticArray(status=[simulator_status(self)])

@@ -1,4 +1,4 @@
-"""ROS parameters of the node, declared from the table in ``core.parameters`` and its own."""
+"""ROS parameters of the node: those of the model (``core.parameters``) and of the node alone."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ TYPES = {
 
 
 def descriptor(name: str) -> ParameterDescriptor:
-    """Descriptor that ``ros2 param describe`` shows."""
+    """Descriptor of a parameter (type, unit, meaning, range) for ``ros2 param describe``."""
     about = meaning_of(name)
     kind = type(default_of(name))
     unit = "" if about.unit == "-" else f" [{about.unit}]"
@@ -71,7 +71,9 @@ def adapted(parameter: Parameter) -> Parameter:
 
 
 def declare(node: Node) -> None:
-    """Declare all parameters; unknown ones give a warning, unset ones keep their defaults.
+    """Declare all parameters with their overrides; an empty override leaves the default.
+
+    An override of an unknown name is ignored; warnings are logged.
 
     Raises:
         ParameterError: an override of the wrong type, or outside its range.
@@ -98,8 +100,9 @@ def declare(node: Node) -> None:
 
 
 def _declare_empty(node: Node, about: ParameterDescriptor) -> None:
-    """Declare an empty list of numbers; rclpy takes the type of a parameter from its first
-    value.
+    """Declare a parameter that is an empty list of numbers.
+
+    It gets a number first, as rclpy infers the type from the first value.
     """
     node.declare_parameter(about.name, [0.0])
     node.set_parameters([Parameter(about.name, Parameter.Type.DOUBLE_ARRAY, [])])
@@ -107,17 +110,17 @@ def _declare_empty(node: Node, about: ParameterDescriptor) -> None:
 
 
 def read_model(node: Node) -> Parameters:
-    """Parameters of the model as declared; ParameterError if no gear can have them."""
+    """Read the model's parameters from the node; ParameterError if no gear can have them."""
     return core.from_mapping({name: node.get_parameter(name).value for name in core.names()})
 
 
 def read_actives(node: Node) -> tuple[Active, ...]:
-    """Effects as declared; ParameterError for an unknown one."""
+    """Read the effects from the node's parameters; ParameterError for an unknown effect."""
     return read_effects(node.get_parameter(EFFECTS).value)
 
 
 def is_unchanged(node: Node, parameter: Parameter) -> bool:
-    """Whether a read-only parameter already has the value that it is to be set to."""
+    """Whether a parameter is read-only and is to be set to the value that it has already."""
     if not node.describe_parameter(parameter.name).read_only:
         return False
     now = node.get_parameter(parameter.name)

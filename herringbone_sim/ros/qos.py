@@ -53,7 +53,7 @@ def open_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Any:
 def open_subscription(
     node: Node, kind: Any, topic: str, take: Callable[[Any], None], qos: QoSProfile
 ) -> Any:
-    """Create a subscription with overridable history, depth and reliability.
+    """Create a subscription, callback ``take``, with overridable history, depth and reliability.
 
     Raises:
         ParameterError: an invalid override.

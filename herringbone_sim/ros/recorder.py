@@ -1,4 +1,4 @@
-"""The recorder: writes every block, and never ends the simulation if it fails."""
+"""Start and stop recordings of the node; a failing recording never ends the simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNLIMITED = Limits()
 
 
 class Recorder:
-    """Starts and stops recordings, each with a thread of its own.
+    """Starts and stops recordings, one at a time, each written by its own thread.
 
     Args:
         node_name: full name of the node, the prefix of its topics.
@@ -47,19 +47,19 @@ class Recorder:
 
     @property
     def path(self) -> Path | None:
-        """Folder of the current run, None without a recording."""
+        """Folder of the run being recorded; None without a recording."""
         session = self._session
         return session.path if session else None
 
     @property
     def samples(self) -> int:
-        """Number of samples of this recording that are on the disk."""
+        """Number of samples of the current recording on the disk; 0 without one."""
         session = self._session
         return session.samples_kept if session else 0
 
     @property
     def error(self) -> str:
-        """Why the recording ended early, or what it has lost so far; else empty."""
+        """Why the recording ended early, or which files were disturbed; empty if neither."""
         session = self._session
         if session is None or not (session.error or session.losses):
             return ""
@@ -91,7 +91,7 @@ class Recorder:
         return self._session.path
 
     def put(self, delivery: Delivery) -> None:
-        """Queue a delivery; blocks if the disk is too slow, so that no sample is lost."""
+        """Queue a delivery if recording; blocks if the disk is too slow, so no sample is lost."""
         with self._lock:
             if self._session:
                 self._session.put(delivery)
@@ -117,6 +117,9 @@ class Recorder:
 
 
 def run_name(given: str, running: bool) -> str:
-    """Name of the next run: ``given``, with the wall time appended if a recording is running."""
+    """Name of the next run: ``given``, or ``run`` with the wall time appended.
+
+    The time is also appended to ``given`` if a recording is running.
+    """
     stamp = time.strftime("%Y-%m-%d_%H-%M-%S") + f"-{time.time_ns() // 10**6 % 1000:03d}"
     return given if given and not running else f"{given or 'run'}_{stamp}"

@@ -31,10 +31,10 @@ from herringbone_sim.recording.writer import split_rows, stamp_ns
 from herringbone_sim.ros.qos import LATCHED, STREAM
 from herringbone_sim.ros.sim_clock import clock_message
 
-TURN_S = 0.02
-DISCOVERY_S = 2.0
+TURN_S = 0.02  # wall time of a sending step
+DISCOVERY_S = 2.0  # longest wait for other nodes: subscribers, publishers, acknowledgements
 MOST_CLOCK_HZ = 1000.0
-ON_SECTION = 1e-6
+ON_SECTION = 1e-6  # largest distance from phase 0, as a fraction of the mesh cycle
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Playing:
 
     Attributes:
         speed: recorded time over wall time.
-        start_s: time left out at its beginning [s].
-        loop: whether it is repeated from there.
+        start_s: time skipped at the beginning of the recording [s].
+        loop: whether the rest is repeated until a signal.
         clock_hz: rate of ``/clock`` with the time of the recording [1/s]; 0 for none.
 
     Raises:
@@ -74,14 +74,14 @@ class Playing:
 
 @dataclass
 class Stop:
-    """Number of the signal that asked to stop, 0 before."""
+    """Number of the signal that asked to stop publishing; 0 until there is one."""
 
     number: int = 0
 
 
 @dataclass(frozen=True)
 class Sent:
-    """Samples sent, of how many (in all rounds), and the signal that ended it, 0 for none."""
+    """Result of publishing: samples sent, those of all rounds begun, signal that ended it or 0."""
 
     samples: int
     of: int
@@ -104,7 +104,7 @@ def publish(recording: Recording, playing: Playing, node_name: str = "herringbon
             subscribers.
 
     Returns:
-        Number of samples sent, and the signal that ended it.
+        Number of samples sent, number in all rounds begun, and the signal that ended it.
 
     Raises:
         ParameterError: an invalid name, a start after the end, or another publisher of ``/clock``,
@@ -130,7 +130,7 @@ def publish(recording: Recording, playing: Playing, node_name: str = "herringbon
 
 @contextmanager
 def stop_on_signals() -> Iterator[Stop]:
-    """Context in which SIGINT and SIGTERM only set the number in ``Stop``."""
+    """Context in which SIGINT and SIGTERM only set the number of the ``Stop`` that it yields."""
     stop = Stop()
 
     def take(number: int, _: object) -> None:
@@ -168,7 +168,7 @@ class _Player:
     clock: Any = None
 
     def __post_init__(self) -> None:
-        """Create the publishers and find the section points."""
+        """Create the publishers, find the section points and the first row to send."""
         node, series = self.node, self.recording.samples
         self.channels = node.create_publisher(String, "~/channels", LATCHED)
         self.samples = node.create_publisher(Float64MultiArray, "~/samples", STREAM)
@@ -187,7 +187,7 @@ class _Player:
         self.first = int(np.searchsorted(series.times, first_s - 1e-9))
 
     def play(self) -> Sent:
-        """Send the recording, repeatedly if asked."""
+        """Send the recording, with ``playing.loop`` until a signal, and return what was sent."""
         if self.playing.clock_hz:
             self._open_clock()
         self.channels.publish(String(data=json.dumps(self.recording.channels.content)))
@@ -211,7 +211,7 @@ class _Player:
         return Sent(self.sent, all_of_it, self.stop.number)
 
     def _open_clock(self) -> None:
-        """Create the publisher of ``/clock``; ParameterError if another node has one."""
+        """Create a publisher of ``/clock`` after 2 s; ParameterError if another one is found."""
         limit = time.monotonic() + DISCOVERY_S
         while time.monotonic() < limit and not self.stop.number:
             time.sleep(TURN_S)
@@ -241,7 +241,7 @@ class _Player:
             rclpy.spin_once(self.node, timeout_sec=turn_s)
 
     def _tick(self, t_s: float) -> None:
-        """Publish the time if it is due; ParameterError if another node publishes it too."""
+        """Publish t_s on ``/clock`` if due; ParameterError if another node publishes it too."""
         now = time.monotonic()
         if self.clock is not None and now >= self.clock_due_s:
             self._refuse_clocks(1)
@@ -249,7 +249,7 @@ class _Player:
             self.clock.publish(clock_message(t_s))
 
     def _send(self, at: int, end: int) -> None:
-        """Publish the rows at .. end, and the section points among them."""
+        """Publish the rows from ``at`` to before ``end``, and the section points among them."""
         series = self.recording.samples
         for rows in split_rows(end - at, len(series.names), len(",".join(series.names))):
             if self.stop.number:

@@ -1,4 +1,4 @@
-"""One recording of the node from start to end, with an exact account of its samples."""
+"""One recording of the node, written in a thread, with the counts of its samples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from herringbone_sim.version import VERSION
 
 QUEUE_BLOCKS = 256
 FLUSH_S = 0.25
-MOST_LISTED = 3  # losses that one line tells
+MOST_LISTED = 3  # losses that a line lists
 
 
 def channels_content(
@@ -34,9 +34,10 @@ def channels_content(
     """Content of the ``channels`` topic: everything needed to replay a run.
 
     Args:
-        state: at the first sample.
+        model: model in force at the first sample.
+        state: state at the first sample.
         actives: effects of the gear and its sensors; stored with the parameters.
-        clock: of the sensors at the first sample.
+        clock: reading of the sensors' clock at the first sample; None: zero.
     """
     p = model.parameters
     return {
@@ -74,18 +75,18 @@ def half_backlash(model: Model) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits at which the next file begins; 0 for none.
+    """Limits of a file, at which a recording goes on in its next file; 0 for none.
 
     Attributes:
-        size_mb: megabytes, of 10^6 bytes.
-        span_s: simulation time [s].
+        size_mb: size of a file [10^6 bytes].
+        span_s: simulation time in a file [s].
     """
 
     size_mb: float = 0.0
     span_s: float = 0.0
 
     def reached(self, writer: RunWriter, t_s: float) -> bool:
-        """Whether the sample at t_s [s] belongs in the next file; not while a file has none."""
+        """Whether the sample at t_s [s] goes to the next file; false for the first of a file."""
         span_s = t_s - writer.file_first_s
         large = 0.0 < self.size_mb <= writer.file_bytes / 1e6
         return not math.isnan(span_s) and (large or 0.0 < self.span_s <= span_s)
@@ -96,10 +97,10 @@ class Outcome:
     """Result of a recording.
 
     Attributes:
-        path: folder of its last run.
-        written: samples that are on the disk.
-        offered: samples that were to be recorded.
-        losses: a sentence on each file that was deleted, replaced, cut or moved by others.
+        path: folder of the last run that it wrote.
+        written: number of samples on the disk.
+        offered: number of samples that were to be recorded.
+        losses: a sentence on each file that other programs deleted, replaced, cut or moved.
     """
 
     path: Path
@@ -118,7 +119,7 @@ class Outcome:
 
 
 def loss_summary(losses: Sequence[str]) -> str:
-    """The losses in one line; of many only the last ones."""
+    """The losses in one line: the last three and the number of those before."""
     more = [f"{len(losses) - MOST_LISTED} before that"] if len(losses) > MOST_LISTED else []
     return "; ".join([*losses[-MOST_LISTED:], *more])
 
@@ -128,10 +129,10 @@ class Place:
     """Where and how a recording is written.
 
     Attributes:
-        record_dir: folder of the runs.
-        name: of the run.
+        record_dir: folder that contains the run folders.
+        name: name of the run.
         node_name: full name of the node, the prefix of its topics.
-        limits: of each file.
+        limits: limits of each file.
     """
 
     record_dir: Path
@@ -141,7 +142,7 @@ class Place:
 
 
 class Session:
-    """Writes deliveries to a run in a thread; continues in a new run if its files are lost.
+    """Writes deliveries to a run in a thread; continues in a new run if its file is lost.
 
     Args:
         place: folder, name and limits of the files.
@@ -150,8 +151,8 @@ class Session:
         warn: called with a text if the recording fails or loses samples.
 
     Attributes:
-        offered: samples that were to be recorded.
-        error: why it ended early; empty before.
+        offered: number of samples that were to be recorded.
+        error: why the recording ended early; empty if it did not.
 
     Raises:
         RecordingError: the run can't be created.
@@ -177,7 +178,7 @@ class Session:
         self._thread.start()
 
     def _create(self, name: str, model: Model, content: dict[str, Any], t_s: float) -> RunWriter:
-        """Writer of a new run."""
+        """Create a run folder and return its writer."""
         place, names = self._place, model.layout.channels
         start = self._start_ns
         return RunWriter.create(
@@ -196,7 +197,7 @@ class Session:
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """A sentence on each file that was deleted, replaced, cut or moved by others."""
+        """A sentence on each file that other programs deleted, replaced, cut or moved."""
         return tuple(loss for run in self._runs for loss in run.losses)
 
     def put(self, delivery: Delivery) -> None:
@@ -239,7 +240,7 @@ class Session:
             self._report_losses()
 
     def _next(self) -> tuple[Delivery | None, bool]:
-        """The next delivery, None if none came in time, and whether the recording ends."""
+        """The next delivery (None if none came within FLUSH_S), and whether the recording ends."""
         try:
             delivery = self._queue.get(timeout=FLUSH_S)
         except Empty:
@@ -247,7 +248,7 @@ class Session:
         return delivery, delivery is None
 
     def _fail(self, error: Exception) -> None:
-        """Note a failure; a lost file only marks that a new run is needed."""
+        """Record that the recording has failed; for a lost file, only that a new run is needed."""
         if isinstance(error, RecordingLostError):
             self._vanished = True
             return
@@ -256,22 +257,20 @@ class Session:
         self._warn(f"the recording ended: {said}; the simulation goes on")
 
     def _report_losses(self) -> None:
-        """Log the losses since the last call."""
+        """Warn of the losses since the last call."""
         losses = self.losses
         for loss in losses[self._reported :]:
             self._warn(f"a file of the recording was disturbed: {loss}")
         self._reported = len(losses)
 
     def _take(self, delivery: Delivery) -> None:
-        """Write one delivery."""
+        """Choose the file for a delivery, and write it."""
         if len(delivery.block.rows):
             self._open_for(delivery)
         self._write(delivery)
 
     def _open_for(self, delivery: Delivery) -> None:
-        """Have a file open for the delivery: the present one, the next one, or one of a new
-        run.
-        """
+        """Open the file for a delivery: the current or next one, or the first of a new run."""
         t_s = float(delivery.block.rows[0, 0])
         try:
             if not self._vanished and self._place.limits.reached(self._runs[-1], t_s):
@@ -285,7 +284,7 @@ class Session:
             self._warn(f"recording goes on in {self.path}")
 
     def _write(self, delivery: Delivery) -> None:
-        """Write changes and samples of a delivery, and x, v, F of the meshes for some rows."""
+        """Write changes and samples of a delivery, and the decimated rows as mesh states."""
         block, layout, writer = delivery.block, delivery.model.layout, self._runs[-1]
         now = time.time_ns()
         for change in delivery.changes:

@@ -18,8 +18,8 @@ from herringbone_sim.ros.qos import STREAM, open_publisher
 
 PERIOD_S = 0.01
 DISCOVERY_S = 0.5  # wait for the discovery of other publishers
-LATE_S = 10.0  # of the start, in which this one still gives way to a publisher discovered late
-PATIENCE_S = 2.0  # longest wait for the other to give way; drawn, so that not both do
+LATE_S = 10.0  # time after the start in which this node gives way to a publisher discovered late
+PATIENCE_S = 2.0  # longest wait for the other node to give way; random, so that not both do
 
 
 class SimClock:
@@ -47,7 +47,7 @@ class SimClock:
         self._timer = node.create_timer(PERIOD_S, self.tick, group, clock=steady)
 
     def tick(self) -> None:
-        """Publish the present simulation time."""
+        """Publish the current simulation time, unless another node does."""
         if self._publisher is None:
             return
         with self._lock:
@@ -78,7 +78,7 @@ class SimClock:
         return False
 
     def _give_way(self) -> None:
-        """Say why this node publishes no clock."""
+        """Log an error that this node publishes no clock, as another one does."""
         self._node.get_logger().error(
             "another node publishes /clock: this one does not; stop the other or leave "
             "publish_clock false"

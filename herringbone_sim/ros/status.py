@@ -1,4 +1,4 @@
-"""Status of the simulator in ``/diagnostics``, and of its parts elsewhere."""
+"""Diagnostic status messages of the simulator and of parts of it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from herringbone_sim.effects.written import effects_text
 if TYPE_CHECKING:
     from herringbone_sim.ros.node import SimulatorNode
 
-BEHIND = 0.9  # share of the requested real-time factor below which the node is behind
+BEHIND = 0.9  # fraction of the requested real-time factor below which the node is behind
 
 
 def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
-    """Diagnostic status: level and message of the most severe condition, and all figures as
-    values.
+    """Status of the node for ``/diagnostics``.
+
+    Level and message are those of the most severe condition; values are counts and states as text.
     """
     loop, recorder, mirror = node.loop, node.recorder, node.mirror
     reached = 0.0 if loop.paused else loop.pace.reached
@@ -46,7 +47,7 @@ def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
 def status_of(
     node_name: str, part: str, level: bytes, text: str, values: Mapping[str, str]
 ) -> DiagnosticStatus:
-    """Diagnostic status of a part of a node, with figures as values."""
+    """Diagnostic status ``NODE: PART`` with a level, a message and named values."""
     return DiagnosticStatus(
         level=level,
         name=f"{node_name}: {part}",
@@ -57,7 +58,7 @@ def status_of(
 
 
 def _level(node: SimulatorNode) -> tuple[bytes, str]:
-    """Level and text of the most severe condition."""
+    """Level and message of the most severe condition of the node."""
     loop = node.loop
     if node.fault or node.recorder.error:
         return DiagnosticStatus.ERROR, node.fault or node.recorder.error

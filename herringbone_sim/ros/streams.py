@@ -1,4 +1,4 @@
-"""Publish samples, decimated state, section and regime in a thread of its own."""
+"""Publish samples, decimated state, section and regime of a running simulation in a thread."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from herringbone_sim.ros.status import status_of
 from herringbone_sim.runtime import Change, Delivery, sample_period_s
 
 QUEUE_BLOCKS = 32
-REGIME_S = 0.1
-ENOUGH_PER_CYCLE = 8
+REGIME_S = 0.1  # wall time between messages on the regime
+ENOUGH_PER_CYCLE = 8  # evenly spaced samples of a mesh cycle that show its motion
 
 
 class Decimator:
     """Selects the samples of ``~/state``, on average at most ``publish_rate`` of them a second.
 
-    Evenly spaced samples if the rate allows at least ``ENOUGH_PER_CYCLE`` a mesh cycle, or all of
-    them. Else the sample at phase 0 of every m-th mesh cycle, with m the smallest number that
+    If the rate allows all samples, or at least ``ENOUGH_PER_CYCLE`` a mesh cycle, they are evenly
+    spaced. Else it is the sample at phase 0 of every m-th mesh cycle, with the smallest m that
     keeps the rate and is coprime to 2, 3, 5 and 7. A motion whose period in mesh cycles has no
-    larger prime factors then shows all its points: a live plot shows a section, not an alias.
+    other prime factors then shows all its section points: a live plot is a section, not an alias.
 
     Args:
         publish_rate: largest rate of ``~/state`` [Hz of wall time].
@@ -56,7 +56,7 @@ class Decimator:
         self.speed = 1.0
 
     def __call__(self, delivery: Delivery) -> list[int]:
-        """Indices of the rows that go to ``~/state`` and to its recording, ascending."""
+        """Indices of the rows of a block that go to ``~/state`` and its recording, ascending."""
         block, p = delivery.block, delivery.model.parameters
         rate = self.speed / sample_period_s(delivery.model)
         per_cycle = p.samples_per_cycle
@@ -72,7 +72,7 @@ class Decimator:
 
 
 def coprime(least: float) -> int:
-    """Smallest integer from ``least`` on that is coprime to 2, 3, 5 and 7."""
+    """Smallest positive integer not below ``least`` that is coprime to 2, 3, 5 and 7."""
     m = max(math.ceil(least), 1)
     while math.gcd(m, 210) != 1:
         m += 1
@@ -80,13 +80,17 @@ def coprime(least: float) -> int:
 
 
 class Streams:
-    """Publishes deliveries; drops and counts them if the executor or DDS is too slow.
+    """Publishes deliveries of the loop in a thread; drops and counts them if it is too slow.
 
     Args:
         node: owner of the publishers.
         decimate: selects the rows of ``~/state``.
         onward: called in the publishing thread with the deliveries since the last call and the
             regime, about every ``REGIME_S`` seconds of wall time (for the mirror).
+
+    Attributes:
+        dropped: number of deliveries that were not published.
+        regime: latest regime of the motion; None before the first delivery.
     """
 
     def __init__(
@@ -113,14 +117,15 @@ class Streams:
         self._thread = threading.Thread(target=self._run, name="streams", daemon=True)
 
     def start(self, model: Model, state: State, actives: Sequence[Active], clock: Clock) -> None:
-        """Publish ``~/channels`` at once, as compiling may delay the first samples, and start the
-        thread.
+        """Publish ``~/channels``, as compiling may delay the first samples, and start the thread.
+
+        The arguments describe the first sample.
         """
         self._publish_channels(channels_content(model, state, actives, clock), ())
         self._thread.start()
 
     def close(self) -> None:
-        """Publish what is queued and end the thread."""
+        """Publish the queued deliveries and end the thread; waits up to 10 s for it."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join(10.0)
@@ -128,7 +133,8 @@ class Streams:
     def put(self, delivery: Delivery) -> None:
         """Queue a delivery, or drop and count it if the queue is full.
 
-        The next delivery then carries its parameter changes and restarts the regime monitor.
+        The next delivery then also carries the changes of the dropped one, and restarts the regime
+        monitor.
         """
         missed, self._missed = self._missed, None
         if missed:
@@ -171,7 +177,7 @@ class Streams:
                 self._node.get_logger().error(f"a block was not published: {error!r}")
 
     def _publish(self, delivery: Delivery) -> None:
-        """Publish samples, section and state of one delivery."""
+        """Publish one delivery: samples, section, state, and ``~/channels`` after a change."""
         block, names = delivery.block, delivery.model.layout.channels
         if delivery.changes or delivery.restarted or self.regime is None:
             self.announce(delivery)
@@ -185,7 +191,7 @@ class Streams:
             self._publish_state(delivery.model, block.rows[i])
 
     def _publish_section(self, delivery: Delivery) -> None:
-        """Publish the samples at phase 0."""
+        """Publish t, phase, x and v of the samples at phase 0."""
         n = delivery.model.layout.n_mesh
         names = delivery.model.layout.channels
         keep = [0, 1, *range(5, 5 + 2 * n)]
@@ -204,7 +210,7 @@ class Streams:
         self._state.publish(encode_joint_state(sample))
 
     def _publish_regime(self) -> None:
-        """Publish the regime and pass the deliveries since the last call onward."""
+        """Publish the regime; pass the deliveries since the last call and it to ``onward``."""
         if not self._batch:
             return
         self._last_regime_s = time.monotonic()
@@ -223,7 +229,7 @@ class Streams:
 def regime_status(
     node_name: str, regime: Regime, model: Model, delivery: Delivery
 ) -> DiagnosticStatus:
-    """The regime as a diagnostic status: its label as message, figures as values."""
+    """The regime as a diagnostic status, its label as message and its numbers as values."""
     p = model.parameters
     values = {
         "regime": regime.label,

@@ -1,4 +1,4 @@
-"""The real-time loop: integrates against a clock that is handed in, and hands blocks to sinks."""
+"""Real-time loop: integrates a model at the pace of a clock and delivers blocks of samples."""
 
 from herringbone_sim.runtime.delivery import Change, Delivery
 from herringbone_sim.runtime.loop import Loop

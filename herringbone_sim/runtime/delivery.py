@@ -1,4 +1,4 @@
-"""What the loop hands to its sinks: a block of samples, and what changed at its first one."""
+"""Data that the loop delivers: a block of samples, and the changes at its first sample."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from herringbone_sim.effects.sensors import Clock
 
 @dataclass(frozen=True)
 class Change:
-    """An accepted change of parameters and the time [s] of the sample at which it took effect."""
+    """Parameter values that changed, and the time [s] of the first sample with them.
+
+    The time is that of the sensors' clock, as in the samples.
+    """
 
     t_s: float
     values: Mapping[str, Any]
@@ -22,15 +25,15 @@ class Change:
 
 @dataclass(frozen=True)
 class Delivery:
-    """A block with all that a sink needs beside it.
+    """A block of samples with the model, effects and changes that belong to it.
 
     Attributes:
-        block: samples as the sensors show them, and the states around them.
-        model: the model that made it.
-        changes: what changed at the first sample of the block.
+        block: samples with the effects of the sensors applied, and the states at both ends.
+        model: model that was integrated.
+        changes: changes of parameters at the first sample of the block.
         restarted: whether the run was reset right before this block.
-        actives: effects that the gear and its sensors have.
-        clock: that of the sensors.
+        actives: effects of the gear and its sensors.
+        clock: reading of the sensors' clock from which its times are computed.
     """
 
     block: Block

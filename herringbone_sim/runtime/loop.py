@@ -1,8 +1,8 @@
-"""The real-time loop: integrates against a clock that is handed in, and hands blocks to sinks.
+"""Real-time loop: integrates a model at the pace of a clock and delivers blocks of samples.
 
-One thread owns the state. Others submit changes and commands, which act between blocks, so at a
-sample, so at a step boundary; the loop tells with the block at which simulation time they did.
-On overload it slips and goes on from now, never bursts to catch up.
+One thread owns the state. Other threads submit changes and commands, which act between two blocks
+and so at a sample; each delivery says at which time its changes took effect.
+If a block is too late, the loop goes on from the current time and does not hurry to catch up.
 
 Over 300 lines: the thread and all calls that change its state share one lock.
 """
@@ -36,15 +36,15 @@ from herringbone_sim.runtime.pace import (
 )
 from herringbone_sim.runtime.stepping import Step, Stepped
 
-LATE_S = 0.1
-IDLE_S = 0.05
+LATE_S = 0.1  # delay of a block that counts as an overrun
+IDLE_S = 0.05  # longest single wait
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A machine that was submitted, and what of it is new."""
+    """A submitted change: the stepper to continue with, its effects, and the changed values."""
 
     machine: Stepper
     actives: tuple[Active, ...]
@@ -52,18 +52,18 @@ class _Wanted:
 
 
 class Loop:
-    """Runs a model against a clock in a thread of its own.
+    """Integrates a model at the pace of a clock in a separate thread.
 
-    The first start on a machine compiles the kernel in that thread; calls are answered meanwhile.
+    The first start on a computer compiles the kernel in that thread; calls are answered meanwhile.
 
     Args:
-        model: what to run.
+        model: model to integrate.
         deliver: called in the loop's thread with every ``Delivery``; must not block for long.
         actives: effects of the gear and of its sensors.
-        real_time_factor: simulation over wall time, 0 as fast as possible.
-        paused: start paused.
-        wall: clock and wait; handed in for tests.
-        fail: called with a text when the motion diverged or the loop broke.
+        real_time_factor: simulation time over wall time; 0: as fast as possible.
+        paused: whether to start paused.
+        wall: clock and wait; tests replace it.
+        fail: called with a text when the motion diverges, or an exception ends the loop.
     """
 
     def __init__(
@@ -126,12 +126,12 @@ class Loop:
 
     @property
     def clock(self) -> Clock:
-        """How the clock of the sensors stands."""
+        """Reading of the sensors' clock."""
         return self._sensors.clock
 
     @property
     def state(self) -> State:
-        """Where the run stands; within ``call`` or before ``start`` it is exact."""
+        """State of the run; may be a block behind, except within ``call`` or before ``start``."""
         return self._state
 
     @property
@@ -143,7 +143,7 @@ class Loop:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; the last block has been delivered when this returns."""
+        """End the thread after its last block; wait for it unless the kernel is being compiled."""
         self._stop.set()
         self._preparer.shutdown(wait=False)
         with self._lock:
@@ -155,13 +155,15 @@ class Loop:
     def submit(
         self, model: Model, values: Mapping[str, Any], actives: Sequence[Active] | None = None
     ) -> None:
-        """Go on with another model (same layout) from the next sample on; the last one wins.
+        """Continue with another model of the same layout from the next sample on.
+
+        Changes act in the order of submission. A new number of steps or samples per mesh cycle
+        waits for phase 0, and new effects for their kernel to be loaded or compiled.
 
         Args:
-            model: to go on with.
-            values: what is told of the change.
-            actives: effects from then on; None leaves them. The first ones of a process load
-                their kernel, or on a new machine compile it; the change acts when that is done.
+            model: model to continue with.
+            values: changed values by name, passed on in ``Delivery.changes``.
+            actives: effects from then on; None: those submitted last.
 
         Raises:
             ParameterError: effects that the gear can't have.
@@ -196,12 +198,12 @@ class Loop:
 
     @property
     def ready(self) -> bool:
-        """Whether the kernel is compiled."""
+        """Whether the kernel is loaded, so that the loop integrates unless paused."""
         return self._ready
 
     @property
     def compiling(self) -> bool:
-        """Whether a kernel is being compiled, as no compiled one was there to load."""
+        """Whether a kernel is being compiled, as the cache does not hold it."""
         return self._compiling
 
     def _load(self, machine: Stepper) -> None:
@@ -220,11 +222,11 @@ class Loop:
             self._anchor = None
 
     def pause(self) -> None:
-        """Stop before the next block; a step under way ends there."""
+        """Pause before the next block; this ends a step that is under way."""
         self._hold(True, "pause")
 
     def resume(self) -> None:
-        """Go on; a step under way ends, as there is no end to go to."""
+        """Leave the pause; this ends a step that is under way."""
         self._hold(False, "resume")
 
     def _hold(self, paused: bool, command: str) -> None:
@@ -236,9 +238,9 @@ class Loop:
             self._lock.notify_all()
 
     def step(self, cycles: int) -> Stepped:
-        """Advance a paused loop by whole mesh cycles exactly, however long that takes.
+        """Advance a paused loop by a number of mesh cycles, wait for it, and return the result.
 
-        ``pause``, ``resume``, ``reset``, ``close`` and divergence cut it short.
+        ``pause``, ``resume``, ``reset``, ``close`` and divergence end it early.
 
         Raises:
             HerringboneError: the loop runs, or has ended, or another step is under way.
@@ -269,18 +271,18 @@ class Loop:
                 step.end(self._model, self._state)
 
     def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
-        """Result of do(model, state), run by the loop's thread between two blocks or at its end.
+        """Run do(model, state) in the loop's thread between two blocks, and return its result.
 
-        Before the kernel is ready it is run at once by the caller's thread. What ``do`` raises is
-        raised here. After a timeout it is not run any more; where it has begun, its end is waited
-        for. Not for use in the loop's thread, which would wait for itself.
+        Before the kernel is loaded the calling thread runs it at once. An exception of ``do`` is
+        raised here. After the timeout ``do`` is cancelled, or, if it has begun, waited for. The
+        loop's thread must not use this: it would wait for itself.
 
         Args:
             do: called with the model and the state in force.
-            timeout_s: longest wait for the loop to begin it [s].
+            timeout_s: longest wait for the loop to begin ``do`` [s].
 
         Raises:
-            HerringboneError: the loop has ended, or did not come to it in time.
+            HerringboneError: the loop has ended, or did not begin ``do`` in time.
         """
         answer: Future[T] = Future()
 
@@ -302,14 +304,14 @@ class Loop:
         try:
             return answer.result(timeout_s)
         except FutureTimeoutError as error:
-            if not answer.cancel():  # under way, or what ``do`` raised itself
+            if not answer.cancel():  # ``do`` is running, or raised a timeout itself
                 return answer.result()
             raise HerringboneError(
                 f"the simulation did not come to it within {timeout_s:g} s: try again"
             ) from error
 
     def reset(self) -> None:
-        """Back to the initial state at t = 0; a paused loop stays paused. For use in ``call``."""
+        """Return to the initial state at t = 0; to be used within ``call``. A pause persists."""
         self._end_step("interrupted by reset")
         self._begin(self._stepper, self._actives)
         self._anchor = None
@@ -330,7 +332,7 @@ class Loop:
             self._end()
 
     def _end(self) -> None:
-        """Mark the loop as ended, end a step under way, and run the calls that still wait."""
+        """Mark the loop as ended, end a step under way, and run the waiting calls."""
         with self._lock:
             self._over = True
             self._end_step("the simulation ended")
@@ -363,10 +365,10 @@ class Loop:
             self._account(block)
 
     def _take_changes(self) -> None:
-        """Act on what was submitted.
+        """Apply the submitted changes.
 
-        The tangent vector starts afresh: one that ran through long symmetric chaos has lost to
-        rounding the direction in which left and right part, and would never find it again.
+        The tangent vector starts anew: in long symmetric chaos rounding removes its component
+        along left-right differences for good, so that it would miss their growth.
         """
         while self._pending:
             wanted = self._pending[0]
@@ -384,7 +386,7 @@ class Loop:
             self._untold = (self._untold[0], (*self._untold[1], made))
 
     def _off_grid(self, model: Model) -> bool:
-        """Whether a change of the grid has to wait for phase 0."""
+        """Whether a model changes the grid of steps or samples at another phase than 0."""
         same = model.parameters.steps == self._model.parameters.steps
         same &= model.parameters.samples_per_cycle == self._model.parameters.samples_per_cycle
         return not same and self._state.index != 0
@@ -397,7 +399,7 @@ class Loop:
         return min(n, self._step.left) if self._step else n
 
     def _keep_pace(self, block: Block, factor: float) -> None:
-        """Wait until the block is due at the factor it was made for; a new one ends the wait."""
+        """Wait until the end of a block is due at a real-time factor, or the factor changes."""
         now = self._clock()
         if factor == 0.0 or self._step:
             return

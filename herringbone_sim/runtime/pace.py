@@ -1,4 +1,4 @@
-"""How the loop keeps up with the wall clock."""
+"""Pace of the loop against the wall clock: length of blocks, statistics, slowest factor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from herringbone_sim.errors import ParameterError
 BLOCK_WALL_S = 0.02  # wall time that a block covers
 FREE_CYCLES = 64  # mesh cycles of a block as fast as possible
 MOST_SAMPLES = 100_000  # of a block
-LATEST_BLOCK_S = 0.1  # wall time between samples, at most: so late a viewer still moves
+LATEST_BLOCK_S = 0.1  # longest wall time between samples, so that a live view still moves
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class WallTime:
 
     Attributes:
         now: wall time [s], from any origin.
-        sleep: waits so many seconds; None for a wait that ends when the loop is closed.
+        sleep: waits for a number of seconds; None: a wait that ends when the loop is closed.
     """
 
     now: Callable[[], float] = time.monotonic
@@ -35,12 +35,13 @@ WALL_TIME = WallTime()
 
 @dataclass
 class Pace:
-    """How the loop keeps up, for diagnostics; written by the loop alone.
+    """Statistics of the loop's pace for diagnostics; only the loop writes them.
 
     Attributes:
         reached: simulation time over wall time in the last second.
-        overruns: blocks that came too late, so that the loop slipped.
-        samples: samples made since the loop was built.
+        overruns: number of blocks so late that the loop fell behind the clock.
+        samples: number of samples computed since the loop was created.
+        recent: wall time at the end [s] and simulation time [s] of each block of the last second.
     """
 
     reached: float = 0.0
@@ -49,7 +50,7 @@ class Pace:
     recent: deque[tuple[float, float]] = field(default_factory=deque)
 
     def note(self, wall: float, simulated: float) -> None:
-        """Account a block of so much simulation time that left at a wall time [s]."""
+        """Add a block of ``simulated`` seconds that left at wall time ``wall`` [s]."""
         self.recent.append((wall, simulated))
         while len(self.recent) > 2 and wall - self.recent[0][0] > 1.0:
             self.recent.popleft()
@@ -59,10 +60,10 @@ class Pace:
 
 
 def check_pace(model: Model, real_time_factor: float) -> None:
-    """Refuse a factor so slow that samples would be further apart than a block may take.
+    """Refuse a real-time factor at which samples are more than 0.1 s of wall time apart.
 
     Raises:
-        ParameterError: says the least factor, or how many samples a cycle would do.
+        ParameterError: names the smallest factor and the number of samples per cycle that suffice.
     """
     if real_time_factor == 0.0:
         return
@@ -77,12 +78,12 @@ def check_pace(model: Model, real_time_factor: float) -> None:
 
 
 def block_length(model: Model, real_time_factor: float, rate: float) -> int:
-    """Samples of a block, at least 1.
+    """Number of samples of the next block, at least 1.
 
     Args:
-        model: in force.
-        real_time_factor: simulation over wall time, 0 as fast as possible.
-        rate: samples that the last block made a second of wall time; 0 before the first.
+        model: model in force.
+        real_time_factor: simulation time over wall time; 0: as fast as possible.
+        rate: samples computed per second of wall time in the last block; 0 before the first.
     """
     if real_time_factor == 0.0:
         n = FREE_CYCLES * model.parameters.samples_per_cycle

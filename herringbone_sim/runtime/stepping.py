@@ -1,4 +1,4 @@
-"""A step of a paused loop: a number of mesh cycles, and what became of them."""
+"""A step of a paused loop by a number of mesh cycles, and its result."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from herringbone_sim.core.model import Model
 
 @dataclass(frozen=True)
 class Stepped:
-    """What came of a step.
+    """Result of a step.
 
     Attributes:
-        cycles: mesh cycles advanced; whole unless the step was cut short.
-        t_s: simulation time [s] reached.
-        cut: what ended it before its end; empty when nothing did.
+        cycles: mesh cycles advanced; a whole number unless the step ended early.
+        t_s: simulation time reached [s].
+        cut: why the step ended early; empty if it did not.
     """
 
     cycles: float
@@ -26,11 +26,16 @@ class Stepped:
 
 
 class Step:
-    """A step under way; its loop counts the samples left, and ends it between two blocks.
+    """A step under way; the loop counts the remaining samples, and ends it between two blocks.
 
     Args:
-        cycles: mesh cycles wanted, at least 1.
-        model, state: in force as it begins.
+        cycles: mesh cycles to advance, at least 1.
+        model, state: model and state at the beginning.
+
+    Attributes:
+        left: number of samples still to be computed.
+        cut: why it is to end early; empty if it is not.
+        ended: future with the result.
     """
 
     def __init__(self, cycles: int, model: Model, state: State) -> None:
@@ -41,7 +46,7 @@ class Step:
         self._began = turns(model, state)
 
     def changed(self, old: Model, new: Model) -> None:
-        """Count on in the samples of another model."""
+        """Convert ``left`` to the samples per mesh cycle of another model."""
         ratio = new.parameters.samples_per_cycle / old.parameters.samples_per_cycle
         self.left = math.ceil(self.left * ratio)
 
@@ -50,10 +55,10 @@ class Step:
         return turns(model, state) - self._began
 
     def end(self, model: Model, state: State) -> None:
-        """Tell whoever waits what came of it."""
+        """Set the result, for which the caller of ``Loop.step`` waits."""
         self.ended.set_result(Stepped(self.done(model, state), state.t, self.cut))
 
 
 def turns(model: Model, state: State) -> float:
-    """Mesh cycles of a state since t = 0."""
+    """Mesh cycles from t = 0 to a state, with the fraction of the current one."""
     return state.cycle + state.index / model.parameters.steps

@@ -1,8 +1,9 @@
 """Cache of computed arrays in a folder, keyed by a digest of all inputs.
 
-Each file is named by the digest of its inputs, of the version and of the sources of the kernel, so
-an interrupted computation continues where it was, and results for other inputs or another kernel
-are never read. A file ends in the checksum of its content; if that fails, the file is ignored.
+Each file is named by the digest of its inputs, of the version and of the sources that determine
+results (``_sources``), so an interrupted computation continues where it was, and results of other
+inputs or other sources are never read. A file ends in the checksum of its content; if that fails,
+the file is ignored.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class ArrayCache:
 
 
 def digest(parts: Sequence[Any]) -> str:
-    """Digest of inputs, of this version and of the sources of the kernel: 32 hexadecimal digits.
+    """Digest of inputs, of the version and of the sources of ``_sources``: 32 hexadecimal digits.
 
     Args:
         parts: plain values, arrays, and dataclasses or sequences of them.
@@ -79,7 +80,7 @@ def digest(parts: Sequence[Any]) -> str:
 
 
 def _read(path: Path) -> Arrays | None:
-    """Arrays of a file; None if it is missing, or damaged, which is reported."""
+    """Arrays of a file by name; None if it is missing, or damaged, which stderr reports."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -99,7 +100,7 @@ def print_above_bar(text: str) -> None:
 
 @functools.cache
 def _sources() -> tuple[str, ...]:
-    """Digests of the folders whose code determines the results."""
+    """Digests of the folders of this package whose code determines the results."""
     package = Path(__file__).parents[1]
     return tuple(
         cache.digest(package / room) for room in ("core", "analysis", "effects", "sweeps")

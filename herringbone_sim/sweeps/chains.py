@@ -36,10 +36,10 @@ class Job:
 
     Attributes:
         part: number of the part.
-        sweep: the values that the part needs, cut out of the whole sweep.
-        indices: flat indices of the part in that cut.
-        first: flat index in the whole sweep of the first value of the cut.
-        visited: places on the first axis that the chains passed before this part.
+        sweep: sub-grid with the part and, in a chain, the values before it.
+        indices: flat indices of the part in that sub-grid.
+        first: flat index in the whole sweep of the first value of the sub-grid.
+        visited: positions on the first axis that the chains passed before this part.
         before: (width, n_state) final states of the part before it; None for the first part, and
             where every value starts from the initial state.
     """
@@ -53,8 +53,9 @@ class Job:
 
     @property
     def rows(self) -> list[range]:
-        """Groups of flat indices computed together: all, or one place of the first axis at a
-        time.
+        """Groups of flat indices that are computed together, in the order of the computation.
+
+        All of them; in a chained sweep one group for each position on the first axis.
         """
         sweep, indices = self.sweep, self.indices
         if not sweep.chained:
@@ -65,7 +66,7 @@ class Job:
 
 
 def job_of(sweep: Sweep, part: int, before: Array | None = None) -> Job:
-    """Job of a part of a sweep; ``before`` as in ``Job``."""
+    """Cut the job of a part out of a sweep; ``before`` as in ``Job``."""
     indices = sweep.part(part)
     if not sweep.chained:
         small, first = sweep.cut(indices)
@@ -86,7 +87,7 @@ def _moved(indices: range, first: int) -> range:
 
 
 def observe_parts(jobs: Sequence[Job]) -> list[Table]:
-    """Compute the tables of several parts side by side; rows in the order of the grid."""
+    """Compute the tables of several jobs side by side; rows in the order of the grid."""
     rows, before = [job.rows for job in jobs], [job.before for job in jobs]
     tables: list[list[Table]] = [[] for _ in jobs]
     for step in range(max(map(len, rows))):
@@ -101,7 +102,8 @@ def observe_parts(jobs: Sequence[Job]) -> list[Table]:
 def part_before(sweep: Sweep, part: int) -> int | None:
     """Number of the part of a chained sweep that is computed just before a part.
 
-    The chains of ``part`` start from its final states. In a downwards sweep it is ``part`` + 1.
+    The chains of ``part`` start from the final states of that part. In a downwards sweep it is
+    ``part`` + 1.
 
     Returns:
         None for the part that is computed first, and for a sweep that is not chained.
@@ -117,14 +119,14 @@ def last_states(sweep: Sweep, table: Table) -> Array:
 
 
 def _observe(jobs: Sequence[Job], step: int) -> list[Table]:
-    """Tables of one group of values of each job."""
+    """Table of the group number ``step`` of each job."""
     if jobs[0].sweep.ramped:
         return [_ramp(job, job.rows[step], job.visited + step) for job in jobs]
     return observe([_request(job, job.rows[step], job.visited + step) for job in jobs])
 
 
 def _request(job: Job, row: range, place: int) -> ObservationRequest:
-    """Request for the values of one group of a job."""
+    """Request for one group of a job, at position ``place`` of the first axis in chain order."""
     look = job.sweep.observation
     return ObservationRequest(
         job.sweep, row, _starts(job, row), place * (look.transient + look.cycles)
@@ -132,21 +134,19 @@ def _request(job: Job, row: range, place: int) -> ObservationRequest:
 
 
 def _whole(job: Job, tables: list[Table]) -> Table:
-    """Table of a job from the tables of its groups, in the order of the grid of the whole
-    sweep.
-    """
+    """Table of a job from those of its groups: in grid order, with indices of the whole sweep."""
     ordered = tables[::-1] if job.sweep.downwards else tables
     table = {name: np.concatenate([table[name] for table in ordered]) for name in tables[0]}
     return table | {"index": table["index"] + job.first}
 
 
 def _neighbour(sweep: Sweep, index: int) -> int:
-    """Flat index of the previous value of the chain."""
+    """Flat index of the value before ``index`` in its chain."""
     return index + sweep.width if sweep.downwards else index - sweep.width
 
 
 def _starts(job: Job, row: range) -> Array | None:
-    """Start states (width, n_state) of a group: the states before, at the same mesh displacements.
+    """States (width, n_state) from which a group starts: those before, at the same displacements.
 
     NaN where a gear or the state before it is missing, None for a job without states before.
     """
@@ -164,7 +164,7 @@ def _starts(job: Job, row: range) -> Array | None:
 
 
 def _ramp(job: Job, row: range, place: int) -> Table:
-    """Table of one group of values of a ramp."""
+    """Table of one group of a ramp, at position ``place`` of the first axis in chain order."""
     table, before = empty_table(job.sweep, row), job.before
     reasons = []
     for i, index in enumerate(row):
@@ -177,7 +177,11 @@ def _ramp(job: Job, row: range, place: int) -> Table:
 def _ramp_one(
     sweep: Sweep, table: Table, i: int, index: int, start: Array | None, place: int
 ) -> str:
-    """Ramp to one value, enter its row i of the table, and return why it failed, or empty."""
+    """Ramp from ``start`` to the value at ``index``, and fill row i of the table.
+
+    Returns:
+        Why it failed, or an empty text.
+    """
     look = sweep.observation
     try:
         path = _path(sweep, index, start is None)
@@ -196,8 +200,9 @@ def _ramp_one(
 
 
 def _path(sweep: Sweep, index: int, anew: bool) -> list[Parameters]:
-    """Parameters in every mesh cycle: from the previous value to this one, or constant at a
-    start.
+    """Parameters of every mesh cycle of a ramp to one value, from the value before it.
+
+    ``anew``: constant parameters over transient and cycles, to begin a chain.
     """
     look = sweep.observation
     if anew:
@@ -214,18 +219,18 @@ def ramp(
     cycle: int = 0,
     actives: Sequence[Active] = (),
 ) -> tuple[Array | None, Model]:
-    """Integrate one gear while its parameters change once a mesh cycle, as in the node.
+    """Integrate one gear while its parameters change once a mesh cycle, as in a live run.
 
     Args:
         path: n parameter sets that differ in live parameters.
         start: (n_state,) state at phase 0 with the first of them; by default its initial state.
-        cycle: mesh cycles that the control has run before.
-        actives: effects of the gear; their further states are the last of the state vector.
+        cycle: mesh cycles elapsed before the start, which set the phase of control and effects.
+        actives: effects of the gear; states that they add are the last of the state vector.
 
     Returns:
         states: (n + 1, n_state) at the start of every cycle and at the end; None if the motion
             diverged.
-        model: the last one.
+        model: with the last parameters that were integrated.
     """
     gear_stepper = stepper(build(path[0]), actives)
     state = replace(gear_stepper.start(), cycle=cycle)

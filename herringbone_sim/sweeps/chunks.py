@@ -1,4 +1,4 @@
-"""Runs in chunks on threads; the arrays of a chunk are stored in a folder and read from it."""
+"""Compute chunks of runs on threads, and cache the arrays of each chunk in a folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Chunk:
 
     Attributes:
         key: all inputs that the arrays depend on, see ``array_cache.digest``.
-        compute: the arrays by name, a row per run.
+        compute: returns the arrays by name, each with a row per run.
         runs: number of runs.
     """
 
@@ -30,11 +30,11 @@ class Chunk:
 
 @dataclass(frozen=True)
 class ChunkRunner:
-    """Computes chunks on threads, or reads them if they are stored.
+    """Computes chunks on threads, or reads those that are stored.
 
     Attributes:
         cache: where arrays are stored.
-        workers: threads.
+        workers: number of threads.
         done: called with the number of runs of each finished chunk.
     """
 
@@ -43,7 +43,7 @@ class ChunkRunner:
     done: Callable[[int], object]
 
     def arrays(self, jobs: Sequence[Sequence[Chunk]]) -> list[Arrays]:
-        """Arrays of each job, those of its chunks joined; the jobs run side by side."""
+        """Arrays of each job by name, the rows of its chunks joined; jobs run side by side."""
         with ThreadPoolExecutor(self.workers) as pool:
             every = chain.from_iterable(jobs)
             results = pool.map(lambda chunk: self.cache.get(chunk.key, chunk.compute), every)

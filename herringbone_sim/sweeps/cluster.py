@@ -1,6 +1,6 @@
-"""A Dask cluster as an executor, and work that is handed to an executor bit by bit.
+"""A Dask cluster as an executor, and submission of tasks to an executor a few at a time.
 
-A scheduler or workers that are missing are reported first.
+If the scheduler or its workers are missing, an error says so before any work begins.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from herringbone_sim.errors import AnalysisError
 RETRIES = 10
 CONNECT_S = 10
 WORKERS_S = 60
-AHEAD = 2  # tasks submitted per core: one running, one waiting
+AHEAD = 2  # tasks submitted per core: one is computed, one waits
 _Task = TypeVar("_Task")
 _Made = TypeVar("_Made")
 
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Executor on a Dask cluster and its number of cores; work of a lost worker is run again.
+    """Context with an executor on a Dask cluster and its number of cores.
+
+    Tasks of a worker that is lost are repeated on another.
 
     Args:
         address: of the scheduler, such as ``tcp://HOST:8786``.
@@ -52,8 +54,9 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _check(address: str) -> None:
-    """Raise AnalysisError if no scheduler answers; a Client without one would block the process
-    exit.
+    """Raise AnalysisError if no scheduler answers.
+
+    Without this check a Client that finds none would block the exit of the process.
     """
     from distributed.comm.addressing import get_address_host_port
 
@@ -93,7 +96,13 @@ def _last_cause(error: BaseException) -> BaseException:
 def completed(
     submit: Callable[[_Task], Future[_Made]], waiting: deque[_Task], cores: int
 ) -> Iterator[tuple[_Task, _Made]]:
-    """Yield tasks with their results as they complete; further ones may be added meanwhile."""
+    """Yield each task with its result as it completes; at most two tasks per core are submitted.
+
+    Args:
+        submit: submits a task and returns its future.
+        waiting: tasks in order, emptied; the caller may add tasks while this iterates.
+        cores: number of cores of the executor.
+    """
     running: dict[Future[_Made], _Task] = {}
     try:
         while waiting or running:

@@ -1,7 +1,7 @@
 """Compare the motions of two gears over one parameter, and match the boundaries between motions.
 
-The period of a motion is given in forcing periods of the gear, so a motion that repeats once a
-revolution because of a cracked tooth is still P1.
+The period of a motion is counted in forcing periods of the gear: a motion that repeats once a
+revolution because of a cracked tooth is P1 too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Labels = Sequence[str]
 
 APERIODIC, FAILED = "aperiodic", "failed"
 CONTACT = {0.0: "contact kept", 1.0: "one flank lost", 2.0: "both flanks hit"}
-LEAST_STRETCH = 0.02  # share of the values; shorter stretches are periodic windows, not regimes
+LEAST_STRETCH = 0.02  # of the values; shorter stretches are periodic windows, not regimes
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class GearSweeps:
     Attributes:
         name: ``nominal`` or ``augmented``.
         results: results over the same n values, by the way in which a value is reached: ``fixed``,
-            ``up`` or ``down`` as in ``Sweep.start``, or ``random 1``, ... from a random state.
+            ``up`` or ``down`` as in ``Sweep.start``; ``random 1``, ... from random initial states.
         forcing: mesh cycles after which the gear with its effects repeats; 1 without effects.
     """
 
@@ -44,11 +44,11 @@ class GearSweeps:
         return next(iter(self.results.values())).axes[0]
 
     def motions(self, way: str) -> list[str]:
-        """Name of the motion at each value: ``P1``, ``aperiodic``, ``failed``, ..."""
+        """Name of the motion at n values, reached in one way; see ``motion``."""
         return [motion(value, self.forcing) for value in self.results[way]["period"]]
 
     def contacts(self, way: str) -> list[str]:
-        """Contact loss at each value, a text of ``CONTACT`` or ``failed``."""
+        """Contact loss at n values, reached in one way: of ``CONTACT`` or ``failed``."""
         return [CONTACT.get(float(one), FAILED) for one in self.results[way]["contact_loss"]]
 
 
@@ -59,7 +59,7 @@ class Boundary:
     Attributes:
         kind: ``motion`` or ``contact``.
         before, after: label below and above it.
-        value: middle between the last value below and the first above.
+        value: middle between the last value of the sweep below and the first above.
         half_width: half of their distance.
     """
 
@@ -75,7 +75,7 @@ class BoundaryShift:
     """A boundary of the nominal gear and the matching one of the augmented gear; one may be None.
 
     Attributes:
-        way: start of the sweeps.
+        way: in which the values are reached, see ``GearSweeps.results``.
         nominal, augmented: the boundary of each gear.
     """
 
@@ -108,7 +108,7 @@ class Stretch:
     """Interval of the parameter in which several motions coexist.
 
     Attributes:
-        low, high: first and last value of the parameter, in its unit.
+        low, high: first and last value of the parameter in it.
         motions: names of the motions, sorted, as in ``motions_at``.
     """
 
@@ -118,7 +118,10 @@ class Stretch:
 
 
 def motion(period: float, forcing: int = 1) -> str:
-    """Name of a motion from its period in mesh cycles (0 aperiodic, NaN failed)."""
+    """Name a motion by its period in mesh cycles: ``P2``, ``aperiodic`` (0) or ``failed`` (NaN).
+
+    The number counts periods of ``forcing`` mesh cycles; ``N mesh cycles`` if it is not whole.
+    """
     if not np.isfinite(period):
         return FAILED
     cycles = int(period)
@@ -128,7 +131,10 @@ def motion(period: float, forcing: int = 1) -> str:
 
 
 def label_stretches(labels: Labels) -> list[tuple[int, int, str]]:
-    """First index, last index and label of each stretch of equal labels, short ones left out."""
+    """First index, last index and label of each stretch of equal labels.
+
+    Stretches shorter than 2 % of the labels are dropped; equal neighbours are then joined.
+    """
     least = LEAST_STRETCH * len(labels)
     edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
     long = [(a, b - 1, labels[a]) for a, b in pairwise(edges) if b - a >= least]
@@ -142,7 +148,7 @@ def label_stretches(labels: Labels) -> list[tuple[int, int, str]]:
 
 
 def boundaries(kind: str, values: Sequence[float], labels: Labels) -> list[Boundary]:
-    """Boundaries between the stretches of labels (n,) over rising parameter values (n,)."""
+    """Boundaries of a kind between stretches of labels (n,) over rising parameter values (n,)."""
     return [
         Boundary(
             kind,
@@ -156,8 +162,9 @@ def boundaries(kind: str, values: Sequence[float], labels: Labels) -> list[Bound
 
 
 def match_boundaries(nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[BoundaryShift]:
-    """Boundaries of both gears for one start of the sweeps, equal changes matched to the
-    nearest.
+    """Boundaries of both gears for one way to reach the values, equal changes matched.
+
+    Of several equal changes the nearest in value are matched. Motions come first, then contacts.
     """
     found: list[BoundaryShift] = []
     for kind in ("motion", "contact"):
@@ -192,7 +199,7 @@ def _matched(way: str, nominal: list[Boundary], augmented: list[Boundary]) -> li
 
 
 def shares(nominal: GearSweeps, augmented: GearSweeps, way: str) -> dict[str, tuple[float, float]]:
-    """Share of the values (nominal, augmented) by name of the motion, the most frequent first."""
+    """Fraction of the values (nominal, augmented) by name of the motion, most frequent first."""
     counts = [Counter(side.motions(way)) for side in (nominal, augmented)]
     n = len(nominal.axis)
     names = [name for name, _ in (counts[0] + counts[1]).most_common()]
@@ -200,7 +207,7 @@ def shares(nominal: GearSweeps, augmented: GearSweeps, way: str) -> dict[str, tu
 
 
 def coexisting(side: GearSweeps) -> list[Stretch]:
-    """Stretches over which sweeps that start differently end in different motions."""
+    """Stretches of the values in which sweeps with different starts end in different motions."""
     at, values = motions_at(side), side.axis.values
     stretches = label_stretches(["\n".join(sorted(motions)) for motions in at])
     found = [(values[a], values[b], tuple(label.split("\n"))) for a, b, label in stretches]
@@ -208,11 +215,10 @@ def coexisting(side: GearSweeps) -> list[Stretch]:
 
 
 def motions_at(side: GearSweeps) -> list[list[str]]:
-    """Names of the different motions at each value, in the order of the starts, without failed
-    ones.
+    """Names of the different motions at each value, in the order of ``results``; no failed runs.
 
-    A motion with equal halves has ``(left = right)`` in its name. Motions of equal names are
-    listed apart if ``diagram.differ`` tells them apart.
+    A motion with equal halves has ``(left = right)`` in its name. Two motions of the same name are
+    both listed if ``diagram.differ`` tells them apart.
     """
     branches = [diagram_of([found]).branches[0] for found in side.results.values()]
     names = [
@@ -231,7 +237,7 @@ def motions_at(side: GearSweeps) -> list[list[str]]:
 
 
 def _with_symmetry(names: Sequence[str], branch: Branch) -> list[str]:
-    """Add ``(left = right)`` to the names of motions whose asymmetry is below ``SAME``."""
+    """Add ``(left = right)`` to the names (n) of motions whose asymmetry is at most ``SAME``."""
     alike = branch.asymmetry <= SAME
     pairs = zip(names, alike, strict=True)
     return [f"{name} (left = right)" if same else name for name, same in pairs]

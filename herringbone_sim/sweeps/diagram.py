@@ -1,4 +1,4 @@
-"""Bifurcation diagrams over one parameter, from sweeps with different starts."""
+"""Bifurcation diagrams over one parameter, from sweeps that reach a value in different ways."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.store import Result
 
-SAME = 0.01  # b_c: largest distance of section points of one and the same orbit
+SAME = 0.01  # b_c: largest distance of section points of the same orbit
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Branch:
     """Motions found by one sweep over the parameter.
 
     Attributes:
-        start: ``fixed``, ``up``, ``down``, ``ramp_up`` or ``ramp_down``.
+        start: ``fixed``, ``up``, ``down``, ``ramp_up`` or ``ramp_down``, see ``Sweep.start``.
         values: (n,) of the parameter.
         point_values: (n, m) parameter value at each section point, which changes within a ramp.
-        points: (n, m) section displacements of one mesh, b_c.
+        points: (n, m) displacements of one mesh at phase 0, b_c.
         period: (n,) mesh cycles; 0 aperiodic; NaN failed, or a ramp.
         exponent, within, transverse: (n,) Lyapunov exponents per tau, see ``observe``.
         asymmetry: (n,) RMS of left minus right displacements, b_c.
@@ -57,13 +57,11 @@ class Diagram:
     branches: tuple[Branch, ...]
 
     def branch(self, start: str) -> Branch | None:
-        """The branch with a given start, None if there is none."""
+        """The branch with a given ``Branch.start``, None if there is none."""
         return next((one for one in self.branches if one.start == start), None)
 
     def hysteresis(self) -> Flags:
-        """Whether (n,) any branch ends in another motion than the first one; ramps are left
-        out.
-        """
+        """(n,) whether any branch ends in another motion than the first one, without ramps."""
         held = [one for one in self.branches if not one.start.startswith("ramp")]
         apart = np.zeros(len(self.axis), dtype=bool)
         for one in held[1:]:
@@ -91,7 +89,7 @@ def diagram_of(results: Sequence[Result]) -> Diagram:
 
 
 def differ(a: Branch, b: Branch) -> Flags:
-    """Whether (n,) two branches end in different motions; False where either failed.
+    """(n,) whether two branches end in different motions at a value; False where either failed.
 
     Motions differ if their periods differ, if only one of them has equal left and right, or if the
     section points of two periodic motions differ by more than 0.01 b_c. Two aperiodic motions are
@@ -105,9 +103,7 @@ def differ(a: Branch, b: Branch) -> Flags:
 
 
 def _orbits_apart(first: Branch, second: Branch) -> Flags:
-    """Whether (n,) the sorted section points of two motions of equal period differ by more than
-    SAME.
-    """
+    """(n,) whether the sorted section points of equal periods differ by more than ``SAME``."""
     apart = np.zeros(len(first.values), dtype=bool)
     for i in np.flatnonzero((first.period > 0) & (first.period == second.period)):
         p = int(first.period[i])
@@ -135,9 +131,7 @@ def _branch(result: Result) -> Branch:
 
 
 def _point_values(result: Result, values: Array, count: int) -> Array:
-    """Parameter value (n, count) at each section point; within a ramp it changes every mesh
-    cycle.
-    """
+    """(n, count) parameter value at each section point; a ramp changes it every mesh cycle."""
     sweep = result.sweep
     ends = np.repeat(values[:, None], count, axis=1)
     if not sweep.ramped:

@@ -1,7 +1,7 @@
 """Compute the missing parts of sweeps, on the cores of this machine or on a Dask cluster.
 
-Parts are computed by workers and written by this process as soon as they are done, so an
-interrupted run loses only the parts in progress. The content of a part does not depend on the
+Workers compute parts and this process writes each part when it is complete, so that an
+interruption loses only the parts in progress. The content of a part does not depend on the
 worker.
 """
 
@@ -39,13 +39,13 @@ def run_stores(
 ) -> None:
     """Compute and write every missing part of some sweeps.
 
-    Ctrl-C ends it after the parts in progress; what was written stays, and the next call
-    continues. Damaged parts are named on stderr and computed again.
+    Ctrl-C ends it after the parts in progress; stored parts stay, and the next call computes the
+    rest. Damaged parts are named on stderr and computed again.
 
     Args:
-        stores: sweeps that run side by side.
+        stores: sweeps that are computed side by side.
         workers: threads of this process; the number of cores by default.
-        scheduler: address of a Dask scheduler to run on instead.
+        scheduler: address of a Dask scheduler to use instead of threads.
 
     Raises:
         AnalysisError: no scheduler answers there, or Dask is not installed.
@@ -76,13 +76,11 @@ def run_stores(
 
 
 def _report_damaged(store: Store, lacking: Sequence[int]) -> None:
-    """Print on stderr the names of the files of parts that must be computed: those are damaged.
-
-    Without such a file nothing is printed.
+    """Print on stderr which of the parts to be computed have a file already: it is damaged.
 
     Args:
         store: parts of one sweep.
-        lacking: numbers of the parts that are not stored, or damaged, of ``store.missing``.
+        lacking: numbers of the parts that are missing or damaged, from ``store.missing``.
     """
     paths = [store.path(part) for part in lacking]
     names = [path.name for path in paths if path.exists()]
@@ -94,9 +92,7 @@ def _report_damaged(store: Store, lacking: Sequence[int]) -> None:
 
 
 def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
-    """Yield jobs that can start now: all missing parts, or the first missing one of a chained
-    sweep.
-    """
+    """Yield jobs that can start now: all missing parts, or only the first of a chained sweep."""
     sweep = store.sweep
     if not sweep.chained:
         yield from ((store, job_of(sweep, part)) for part in missing)
@@ -109,7 +105,7 @@ def _ready(store: Store, missing: Sequence[int]) -> Iterator[Entry]:
 
 
 def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
-    """Yield the job that continues a chain after a completed part, skipping stored parts."""
+    """Yield the job that continues a chain behind a completed part, skipping stored parts."""
     sweep, step = store.sweep, -1 if store.sweep.downwards else 1
     while sweep.chained and 0 <= part + step < sweep.n_parts:
         part += step
@@ -121,9 +117,7 @@ def _next(store: Store, part: int, table: Table) -> Iterator[Entry]:
 
 
 def _tasks(entries: Sequence[Entry]) -> Iterator[Task]:
-    """Yield tasks of one job each; chains too narrow to fill the lanes are grouped if
-    compatible.
-    """
+    """Yield tasks of one job each; compatible chains too narrow to fill the lanes are grouped."""
     compatible: dict[object, list[Entry]] = {}
     for store, job in entries:
         sweep = store.sweep
@@ -142,7 +136,7 @@ def _submit(pool: Executor, task: Task) -> Future[list[Table]]:
 
 @contextmanager
 def _pool(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
-    """Executor of threads or of a Dask cluster, and its number of cores."""
+    """Context with an executor, of threads or of a Dask cluster, and its number of cores."""
     if scheduler is not None:
         with cluster(scheduler) as pool:
             yield pool

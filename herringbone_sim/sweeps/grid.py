@@ -1,4 +1,4 @@
-"""Definition of a sweep: a gear, the axes of its parameters, and what is observed."""
+"""Definition of a sweep: a gear, values of its parameters, and what is observed at each."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _Made = TypeVar("_Made", "Observation", "Sweep")
 
 @dataclass(frozen=True)
 class Axis:
-    """Increasing values of one parameter.
+    """Axis of a sweep: increasing values of one parameter.
 
     Raises:
         ParameterError: no such numeric parameter, or values that do not increase.
@@ -60,9 +60,9 @@ class Observation:
     """Length of the run at each value and the quantities computed from it.
 
     Attributes:
-        transient: mesh cycles left out first.
+        transient: mesh cycles discarded first.
         cycles: mesh cycles that are averaged over; in a ramp, from one value to the next.
-        points: section points, from the last cycles; a period is detected from 5 repeats in them.
+        points: section points, from the last cycles; a period must repeat 5 times in them.
         exponents: whether to compute Lyapunov exponents.
         mesh: name such as ``sp_L`` whose section displacements are stored, or "" for none.
     """
@@ -87,12 +87,12 @@ class Sweep:
 
     Attributes:
         base: all parameters that are no axis.
-        axes: one or more; a continuation runs along the first.
+        axes: one or more; a continuation goes along the first.
         observation: what is computed at each value.
         start: ``fixed``: every value starts from the initial state of the gear; ``up``, ``down``:
             from the final state of the value before it on the first axis; ``ramp_up``,
             ``ramp_down``: one motion, with the parameter of the first axis changed every cycle.
-        chunk: number of values that are computed and stored together.
+        chunk: number of values in a part, which is computed and stored together.
         effects: of the gear, as YAML text (``effects.written``); empty for none.
 
     Raises:
@@ -123,12 +123,12 @@ class Sweep:
 
     @property
     def actives(self) -> tuple[Active, ...]:
-        """Effects on the gear; those of sensors are left out, as they change no motion."""
+        """Effects on the gear, without those of sensors, which change no motion."""
         return tuple(one for one in read_effects(self.effects) if one.effect.level != "sensor")
 
     @property
     def n_state(self) -> int:
-        """Length of the state vector, further states of effects included."""
+        """Length of the state vector, states added by effects included."""
         start: State = stepper(build(self.base), self.actives).start()
         return len(start.y)
 
@@ -146,12 +146,12 @@ class Sweep:
 
     @property
     def width(self) -> int:
-        """Number of chains: values at one place of the first axis."""
+        """Number of chains side by side: values at one position of the first axis."""
         return math.prod(self.shape[1:])
 
     @property
     def chained(self) -> bool:
-        """Whether values start from the one before them."""
+        """Whether each value starts from the final state of the value before it."""
         return self.start != "fixed"
 
     @property
@@ -173,16 +173,15 @@ class Sweep:
         return max(self.chunk // self.width, 1) * self.width if self.chained else self.chunk
 
     def part(self, number: int) -> range:
-        """Flat indices of one part; in a chained sweep a part holds whole places of the first
-        axis.
+        """Flat indices of the part with a number.
+
+        In a chained sweep, a part has all values at each of its positions on the first axis.
         """
         first = number * self._part_size
         return range(first, min(first + self._part_size, self.size))
 
     def cut(self, indices: range) -> tuple[Sweep, int]:
-        """Smallest sub-grid that contains the given flat indices, and the flat index of its first
-        value.
-        """
+        """Smallest sub-grid with the given flat indices, and the flat index of its first value."""
         axes, first, width = list(self.axes), 0, self.size
         for k, axis in enumerate(self.axes):
             width //= len(axis)
@@ -237,8 +236,10 @@ def _axis(entry: Mapping[str, Any]) -> Axis:
 
 
 def _typed(made: _Made) -> _Made:
-    """The dataclass itself, after a check that its plain fields have the types of their
-    defaults.
+    """Return a dataclass after a check that its bool, int and str fields have these types.
+
+    Raises:
+        TypeError: a field has another type than its default.
     """
     for item in fields(made):
         kind, value = type(item.default), getattr(made, item.name)
@@ -248,7 +249,7 @@ def _typed(made: _Made) -> _Made:
 
 
 def axis_from_text(text: str) -> Axis:
-    """Axis from ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
+    """Read an axis from ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
 
     Raises:
         ParameterError: a text of another form.
@@ -270,12 +271,12 @@ def axis_from_text(text: str) -> Axis:
 
 
 def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
-    """Parameters with the integration steps of a sweep: order 14, 8 steps and 1 sample a mesh
-    cycle.
+    """Set the integration steps of a sweep: order 14, 8 steps and 1 sample a mesh cycle.
 
     With ``method: rk4`` the number of steps stays, as 8 would be too few.
 
     Args:
+        base: parameters to change.
         chosen: parameters that the user set; they are not changed.
     """
     steps = KERNEL | ({"steps_per_cycle": base.steps} if base.method == "rk4" else {})

@@ -1,4 +1,4 @@
-"""One part of a sweep: from flat indices to a table with one row a value.
+"""Compute one part of a sweep: from flat indices to a table with one row a value.
 
 The columns of a table, n rows:
 
@@ -10,7 +10,7 @@ The columns of a table, n rows:
     within, transverse  the same of left-right symmetric and antisymmetric perturbations; NaN
                         for a motion whose left and right differ
     asymmetry           RMS of left minus right displacements over the section, b_c
-    sun_back, sun_separated, sun_drive, ring_...    shares of the time, mean of the meshes
+    sun_back, sun_separated, sun_drive, ring_...    fractions of the time, mean of the meshes
     contact_loss        0 never, 1 lost on one flank, 2 contact on both flanks of some mesh
     points              (n, points) section displacements of one mesh, b_c, if requested
     end                 (n, n_state) final states, those of effects included, if the next value
@@ -42,7 +42,7 @@ from herringbone_sim.sweeps.periods import find_periods
 Table = dict[str, NDArray[Any]]
 
 STATES = ("back", "separated", "drive")
-NO_TIME = 1e-9  # share of the time below which a contact state counts as rounding error
+NO_TIME = 1e-9  # fraction of the time below which a contact state counts as rounding error
 SCALARS = (
     "period",
     "exponent",
@@ -64,7 +64,7 @@ class ObservationRequest:
         indices: n flat indices.
         starts: (n, n_state) states at phase 0; NaN in a row, or None, for the initial state of the
             gear.
-        cycle: mesh cycles that the control has run before.
+        cycle: mesh cycles elapsed before the starts, which set the phase of control and effects.
     """
 
     sweep: Sweep
@@ -76,7 +76,8 @@ class ObservationRequest:
 def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
     """Compute a table for each request, all in one batch.
 
-    The sweeps must have equal observation, effects, layout and Taylor order.
+    The sweeps must have equal observation, effects, layout and Taylor order. A value at which no
+    gear can be built fails with the reason, without an exception.
     """
     tables = [empty_table(one.sweep, one.indices) for one in asked]
     actives = asked[0].sweep.actives
@@ -107,7 +108,7 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
 
 
 def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
-    """Table with indices and axis values filled in, all else NaN."""
+    """Table with indices and axis values filled in, the other columns NaN; without reasons."""
     n = len(indices)
     values = [sweep.values_at(index) for index in indices]
     table: Table = {"index": np.array(indices, dtype=np.int64)}
@@ -121,7 +122,7 @@ def empty_table(sweep: Sweep, indices: Sequence[int]) -> Table:
 
 
 def build_models(sweep: Sweep, indices: Sequence[int]) -> tuple[list[Model | None], list[str]]:
-    """Models at flat indices, None where no gear can have the values, and the reasons why."""
+    """Models without effects at flat indices, None where no gear can be built, and reasons."""
     models: list[Model | None] = []
     reasons: list[str] = []
     for index in indices:
@@ -148,7 +149,7 @@ def section_displacements(sweep: Sweep, models: Sequence[Model], sections: Array
 
 
 def asymmetries(sections: Array) -> Array:
-    """RMS (n,) of left minus right displacements over sections (n, points, n_state)."""
+    """RMS (n,) of left minus right displacements [b_c] over sections (n, points, n_state)."""
     q, r = np.split(sections[..., : sections.shape[-1] // 2], [2], axis=-1)
     left, right = np.split(r, 2, axis=-1)
     parted = np.concatenate([q[..., :1] - q[..., 1:], left - right], axis=-1)
@@ -156,9 +157,10 @@ def asymmetries(sections: Array) -> Array:
 
 
 def contact_loss(contact: Array) -> Array:
-    """Contact-loss class (n,) from contact shares (n, n_mesh, 3).
+    """Class of contact loss (n,) from the fractions of the time in each contact (n, n_mesh, 3).
 
-    0 never separated, 1 separated but one flank only, 2 contact on both flanks of some mesh.
+    0 never separated, 1 separated but one flank only, 2 contact on both flanks of some mesh; NaN
+    where a fraction is NaN.
     """
     back, apart, drive = np.moveaxis(contact > NO_TIME, -1, 0)
     both = back & drive
@@ -168,7 +170,7 @@ def contact_loss(contact: Array) -> Array:
 
 
 def _starts(request: ObservationRequest, built: Sequence[Model | None]) -> Array:
-    """Start states (k, n_state) of the k values whose model could be built."""
+    """States (k, n_state) from which the k values begin whose model could be built."""
     rows = [i for i, model in enumerate(built) if model is not None]
     own = np.zeros((len(rows), request.sweep.n_state))
     for i, row in enumerate(rows):

@@ -29,8 +29,9 @@ def make_folder(folder: Path) -> Path:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Temporary file beside ``path`` that is renamed to it when written completely, else
-    removed.
+    """Context with a temporary binary file that replaces ``path`` when it is written completely.
+
+    If the block raises, it is removed and ``path`` stays as it was.
     """
     partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}.partial")
     try:

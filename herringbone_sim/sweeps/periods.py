@@ -33,7 +33,8 @@ def find_periods(
     but not over the whole window.
 
     Args:
-        sections: (n, m, k) section points in units of order one, as the states of the model are.
+        sections: (n, m, k) section points in units of order one, as the states of the model are;
+            NaN gives a NaN.
         max_period: largest period tried; each needs 5 repeats within the window.
         tolerance: largest RMS distance from the centres.
     """
@@ -46,7 +47,7 @@ def find_periods(
 
 
 def _spread(points: Any, period: int) -> Any:
-    """RMS distance per coordinate of the points (m, k) from the centres of their groups."""
+    """RMS distance per coordinate of points (m, k) from the centres of every p-th point."""
     m, k = points.shape
     squares = 0.0
     for first in range(period):
@@ -65,7 +66,7 @@ _compiled_spread = compiled(_spread)
 
 
 def _grows(points: Any, period: int) -> Any:
-    """Whether the distance between repeats is larger in the last third than in the first."""
+    """Whether the distance of repeats grows more than ``GROWTH`` times, first to last third."""
     n = points.shape[0] - period
     returns = np.empty(n)
     for i in range(n):
@@ -84,9 +85,7 @@ _compiled_grows = compiled(_grows)
 def _find_all(
     sections: Any, largest: int, tolerance: float, aperiodic: float, periods: Any
 ) -> None:
-    """Write the period of each section (n, m, k) into ``found`` (n,), ``aperiodic`` if there is
-    none.
-    """
+    """Write the period of each section (n, m, k) into ``periods`` (n,), or ``aperiodic``."""
     for i in range(sections.shape[0]):
         if np.isnan(sections[i, 0, 0]):
             continue

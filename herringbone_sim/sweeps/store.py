@@ -41,7 +41,7 @@ class Store:
     Attributes:
         folder: contains ``sweep.json`` and ``parts/00000.parquet``, ...
         sweep: the sweep described there.
-        kernel: digest of the sources that its parts are computed with.
+        kernel: digest of the package's sources that computed its parts.
     """
 
     folder: Path
@@ -53,11 +53,11 @@ class Store:
         return self.folder / "parts" / f"{part:05d}.parquet"
 
     def missing(self) -> list[int]:
-        """Numbers of the parts that are not stored, or damaged."""
+        """Numbers of the parts that are not stored, or whose file is damaged; reads all files."""
         return [part for part in range(self.sweep.n_parts) if self.read_part(part) is None]
 
     def write(self, part: int, table: Table) -> None:
-        """Write a part atomically."""
+        """Write the table of a part atomically, with its checksum."""
         columns = {name: _column(values) for name, values in table.items()}
         sealed = pa.table(columns, metadata={CHECKSUM: checksum(table)})
         with whole_file(self.path(part)) as file:
@@ -77,12 +77,12 @@ class Store:
 
 @dataclass(frozen=True)
 class Failure:
-    """Values that failed for the same reason, texts being compared without their numbers.
+    """Values of a sweep that failed for the same reason, whose texts may differ in their numbers.
 
     Attributes:
         count: number of values.
         ranges: smallest and largest value on each axis, by name.
-        reason: text of the first of them.
+        reason: of the first of these values.
     """
 
     count: int
@@ -99,11 +99,11 @@ class Failure:
 
 @dataclass(frozen=True)
 class Result:
-    """All results of a sweep, as arrays in the shape of its grid.
+    """Results of a sweep as arrays in the shape of its grid.
 
     Attributes:
-        sweep: what was run.
-        columns: name -> (*shape,) or (*shape, k) array, see ``observe``; NaN where it failed.
+        sweep: definition of the sweep.
+        columns: by name, (*shape,) or (*shape, k), see ``observe``; NaN where a value failed.
         reasons: (*shape,) texts, empty where nothing failed.
     """
 
@@ -128,7 +128,7 @@ class Result:
         return sorted(found, key=lambda one: -one.count)
 
     def _failure(self, indices: list[int]) -> Failure:
-        """Failure of the values at some flat indices."""
+        """Group the failed values at some flat indices, which share a reason."""
         places = np.unravel_index(indices, self.sweep.shape)
         ranges = {
             axis.name: (axis.values[int(at.min())], axis.values[int(at.max())])
@@ -139,6 +139,8 @@ class Result:
 
 def open_store(folder: Path | str, sweep: Sweep) -> Store:
     """Create the folder of a sweep, or open it to continue the same sweep.
+
+    A sweep that another version of the program has completed is opened as it is.
 
     Raises:
         AnalysisError: the folder holds another sweep, or an unfinished one of another version of
@@ -180,7 +182,7 @@ def _short(value: Any) -> str:
 
 
 def _complete_by_other_version(store: Store) -> bool:
-    """Whether a sweep of another kernel is complete; False if none of its parts are stored.
+    """Whether a sweep of another version is complete; False if none of its parts are stored.
 
     Raises:
         AnalysisError: only some of its parts are stored.
@@ -200,7 +202,7 @@ def _described(store: Store) -> str:
 
 
 def load_store(folder: Path | str) -> Store:
-    """Store of an existing folder; AnalysisError if it holds no sweep."""
+    """Open the folder of an existing sweep; AnalysisError if it holds none."""
     described = Path(folder) / FILE
     try:
         text = json_text(described)
@@ -213,7 +215,10 @@ def load_store(folder: Path | str) -> Store:
 
 
 def load_result(store: Store) -> Result:
-    """Results stored so far; values not run, or lost, are NaN with the reason ``not run yet``."""
+    """Read the results stored so far.
+
+    Values without a stored part, or with a damaged one, are NaN with the reason ``not run yet``.
+    """
     sweep = store.sweep
     columns = {name: np.full(sweep.size, np.nan) for name in SCALARS}
     reasons = np.full(sweep.size, NOT_RUN, dtype=object)

@@ -16,5 +16,5 @@ class Picture:
 
     @property
     def source(self) -> str:
-        """The file as a URL, so that the picture is part of the page."""
+        """The PNG file as a data URL, so that a page contains it and needs no separate file."""
         return f"data:image/png;base64,{base64.b64encode(self.path.read_bytes()).decode()}"

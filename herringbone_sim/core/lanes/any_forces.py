@@ -2,7 +2,7 @@
 
 A gear with ``powers`` has force laws with powers of |f|, or seats with rounded corners, see
 ``Packed``. The recurrences are those of products and powers of series (Jorba and Zou, Exp. Math.
-14, 99, 2005).
+14, 99, 2005). Arguments: see ``lanes.packed``.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ from herringbone_sim.core.lanes.vector import (
 )
 from herringbone_sim.core.packed import called, inlined
 
-# Where |f| is below this, in b_c (10 nm for b_c = 10 um), a law with a power of |f| is taken
-# linear, of the same work: a power has no series at 0.
+# Where |f| is below this, in b_c (0.1 um for b_c = 100 um), a law with a power of |f| is replaced
+# by a linear one of the same work: a power has no series at 0.
 NEAR = 1e-3
+# Rows of ``factor``: on f and on c v of the linear law; of the powers of |f| in spring and damper.
 LINEAR, LINEAR_DAMPER, STRENGTH, BENT_SHARE = range(4)
 
 
 @inlined
 def power_of(w, out, i, a, row):
-    """Order i of the power of ``depth`` whose exponent is a constant of mesh a."""
+    """Compute order i of |f| to the exponent in row ``row`` of the constants, mesh a, into out."""
     depth = w.own.depth
     if i == 0:
         for lane in range(n_lanes(w.lane)):
@@ -61,9 +62,9 @@ def power_of(w, out, i, a, row):
 
 @called
 def set_factors(w):
-    """Factors on f and c v of every mesh, from its contact.
+    """Set the factors ``own.factor`` of the force law of every mesh in its present contact.
 
-    Where the law is taken linear, they are of the same work up to ``NEAR``.
+    The linear law does the same work up to ``NEAR`` as the law that it replaces.
     """
     row = law_row(w)
     for a in range(w.k.shape[1]):
@@ -93,19 +94,19 @@ def set_factors(w):
 
 @inlined
 def bends_spring(w, a):
-    """Whether the spring of mesh a follows a power in any lane."""
+    """Whether the spring force of mesh a is a power of |f| in any lane."""
     return bits(load(w.constants, law_row(w) + EXPONENT, a) != 1.0) != 0
 
 
 @inlined
 def bends_damper(w, a):
-    """Whether the damping of mesh a follows another law in any lane."""
+    """Whether the damping force of mesh a is not c v in any lane."""
     return bits(load(w.constants, law_row(w) + OTHER, a) != 0.0) != 0
 
 
 @inlined
 def mesh_force(w, i, a):
-    """Order i of the force of mesh a from its deflection up to that order."""
+    """Compute order i of the force of mesh a from its deflection up to that order."""
     o, row = w.own, law_row(w)
     contact = load(w.mesh, CONTACT, a)
     deep = load(w.mesh, DEEP, a) != 0.0
@@ -142,10 +143,10 @@ def mesh_force(w, i, a):
 
 @called
 def logarithms(w, which, a, sign):
-    """Order 0 of a corner of the play of the seat in column a.
+    """Compute order 0 of one rounded corner of the play of the seat in column a.
 
-    Three blocks of rows of ``corner`` from ``which`` on: the logistic function of
-    u = (sign x - half play) / rounding, its slope by itself, and ln(1 + e^u).
+    It fills three blocks of rows of ``corner`` from block ``which`` on: the logistic function of
+    u = (sign x - half play) / rounding, its derivative by u, and ln(1 + e^u).
     """
     row, p, j = law_row(w), w.q.shape[0], a - w.k.shape[1]
     g = w.own.corner
@@ -163,7 +164,7 @@ def logarithms(w, which, a, sign):
 
 @called
 def corner(w, which, i, a, sign):
-    """Order i of a corner, see ``logarithms``."""
+    """Compute order i of one rounded corner of the play of a seat, see ``logarithms``."""
     if i == 0:
         logarithms(w, which, a, sign)
         return
@@ -185,7 +186,7 @@ def corner(w, which, i, a, sign):
 
 @inlined
 def hold_force(w, i, a):
-    """Order i of the force of the seat in column a."""
+    """Compute order i of the force of the seat in column a."""
     row, p, g, j = law_row(w), w.q.shape[0], w.own.corner, a - w.k.shape[1]
     contact = load(w.mesh, CONTACT, a)
     play = absolute(contact) * load(w.x, i, a)

@@ -1,7 +1,6 @@
-"""A move of gears with powers: more ends it than of those without.
+"""A move of gears with ``Packed.powers``, which also ends where |f| passes ``NEAR``.
 
-A step ends also where a law with a power of |f| begins to bend, and where the series no longer
-hold.
+Intervals are cut where the series lose precision. Arguments: see ``lanes.packed``.
 """
 
 from __future__ import annotations
@@ -55,12 +54,12 @@ from herringbone_sim.core.lanes.vector import (
 from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.core.switching import leaves_at, polynomial
 
-MOST_MOVES = 4000  # within a step of the grid; a lane that has made them is let through
+MOST_MOVES = 4000  # within a grid step, after which a lane no longer stops at switches
 
 
 @inlined
 def bends(w, a, lane):
-    """Whether the law of a mesh has a power that is no constant."""
+    """Whether the law of mesh a in a lane has a power of |f| that is not constant."""
     row = law_row(w)
     other = (
         get(w.constants, row + OTHER, a, lane) != 0.0
@@ -71,7 +70,10 @@ def bends(w, a, lane):
 
 @called
 def touch_depth(w):
-    """Depth of the meshes of lanes that begin a step of the grid, after ``touch``."""
+    """Set DEEP, whether a law with a power is in force, of meshes in lanes that begin a grid step.
+
+    It is where |f| exceeds ``NEAR``; ``touch`` computes the deflections before.
+    """
     for a in range(w.k.shape[1]):
         for lane in range(n_lanes(w.lane)):
             if get(w.lane, SWITCHES, 0, lane) == 0.0:
@@ -82,7 +84,10 @@ def touch_depth(w):
 
 @called
 def find_events(w):
-    """How far each lane goes, 1 or up to its first event, into ``w.lane``."""
+    """Set MOVE: the fraction of its interval that each lane advances, 1 or up to a switch.
+
+    Contact, force signs with friction, and DEEP (see ``touch_depth``) switch.
+    """
     order, n = w.x.shape[0], w.x.shape[1]
     x = w.x.reshape(order, w.x.size // order)
     store(w.lane, MOVE, 0, 1.0)
@@ -104,7 +109,7 @@ def find_events(w):
 
 @inlined
 def may_switch(w, a):
-    """Lanes, as bits, in which mesh a may pass a border of its contact or law within the step."""
+    """Return the lanes, as bits, in which mesh a may pass a border of its contact or law."""
     contact, b = load(w.mesh, CONTACT, a), load(w.constants, BORDER, a)
     start, first = load(w.x, 0, a), load(w.x, 1, a)
     stop, slope = load(w.mesh, END, a), load(w.mesh, END_SLOPE, a)
@@ -121,7 +126,10 @@ def may_switch(w, a):
 
 @called
 def locate(x, w, a, lane):
-    """Where mesh a makes or loses contact, or its law begins or ceases to bend, in one lane."""
+    """Locate where contact (AT, NEXT) and DEEP (AT_DEPTH) of mesh a switch in one lane.
+
+    MOVE is reduced to the first of them.
+    """
     if get(w.lane, SWITCHES, 0, lane) >= MOST_MOVES:
         return
     column, first = a * n_lanes(w.lane) + lane, get(w.lane, MOVE, 0, lane)
@@ -154,7 +162,7 @@ def locate(x, w, a, lane):
 
 @inlined
 def law_force(w, a, lane, k, x, v):
-    """Force of a mesh in one lane by the law in force in its present contact and depth."""
+    """Return the force of mesh a in one lane by the law for its present CONTACT and DEEP."""
     row, contact = law_row(w), get(w.mesh, CONTACT, a, lane)
     f = abs(contact) * x - contact * get(w.constants, BORDER, a, lane)
     exponent, share = (
@@ -178,8 +186,9 @@ def law_force(w, a, lane, k, x, v):
 
 @called
 def meet(w):
-    """Deflection, its rate and the stiffness of every mesh at the end of the moves, kept in
-    ``w.mesh`` and ``own.other`` while tangent vectors use their series.
+    """Store deflection, its rate and stiffness of every mesh at a switch that ends a move.
+
+    They are in rows END and END_SLOPE and in ``own.met``, as tangent vectors overwrite the series.
     """
     order, n = w.x.shape[0], w.k.shape[1]
     x, v = (
@@ -199,7 +208,7 @@ def meet(w):
 
 @called
 def switch(w):
-    """Switch all that does so at the end of the moves; returns whether a force jumps."""
+    """Switch contact, DEEP and signs at the end of the moves; returns whether a force jumps."""
     jumps = False
     turn_signs(w)
     for a in range(w.x.shape[1]):
@@ -229,7 +238,7 @@ def switch(w):
 
 @called
 def move_any(shape, w, near, inverse, controlled):
-    """One move of every lane: to the end of its step, an event, or where the series end."""
+    """Advance every lane of gears with ``Packed.powers`` by a move, see ``lanes.packed``."""
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
     touch(shape, w)

@@ -1,6 +1,6 @@
 """Taylor series of a motion, and of its tangents, under the forces of ``any_forces``.
 
-How far the series hold is read off their last terms.
+Intervals are cut so that the last terms are small. Arguments: see ``lanes.packed``.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ from herringbone_sim.core.lanes.vector import (
 )
 from herringbone_sim.core.packed import called, inlined
 
-TAIL = 1e-10  # of the last two terms of a series that still holds, b_c and b_c omega_n
+TAIL = 1e-10  # largest size of the last two terms of a series, b_c or b_c omega_n
 
 
 @inlined
 def deflect(shape, w, i, forced, coupled):
-    """Order i of the deflections and of their rates."""
+    """Compute order i of the deflections and of their rates from that of the motion."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
     rate = float(i + 1) / load(w.lane, LEFT, 0)
@@ -74,7 +74,7 @@ def deflect(shape, w, i, forced, coupled):
 
 @inlined
 def push(shape, w, i, forced, coupled, controlled, inverse):
-    """Order i + 1 of the motion from order i of all forces."""
+    """Compute order i + 1 of the motion from order i of all forces."""
     for a in range(w.k.shape[1]):
         store(w.force, 0, a, load(w.forces, i, a))
     if forced and i == 0:
@@ -86,7 +86,7 @@ def push(shape, w, i, forced, coupled, controlled, inverse):
 
 @called
 def expand_any_motion(shape, w, controlled, inverse):
-    """Series of the state over what is left of each lane's step."""
+    """Compute the series of the state over the interval of each lane."""
     last = w.k.shape[0] - 1
     begin_series(shape, w, 0)
     set_factors(w)
@@ -105,7 +105,10 @@ def expand_any_motion(shape, w, controlled, inverse):
 
 @called
 def expand_derivatives(w):
-    """Series of the derivatives of all forces by deflections and rates, for tangent vectors."""
+    """Compute the series of the derivatives of all forces by deflections and rates.
+
+    They are ``soft``, ``damp`` and ``give`` in ``w.own``, for tangent vectors.
+    """
     o, row = w.own, law_row(w)
     last = w.k.shape[0] - 1
     for a in range(w.k.shape[1]):
@@ -123,7 +126,7 @@ def expand_derivatives(w):
             if i == 0:
                 damp = c * load(o.factor, LINEAR_DAMPER, a)
             if some and bends_spring(w, a):
-                # powers less one, by division of the series by |f|
+                # |f|^(p - 1), by division of the series of |f|^p by that of |f|
                 less = quotient(o, o.spring_power, i, a)
                 store(o.other, i, a, less)
                 bent = 0.0
@@ -158,7 +161,7 @@ def expand_derivatives(w):
 
 @inlined
 def quotient(o, series, i, a):
-    """Order i of a series over ``depth``, lower orders of which are in ``other``."""
+    """Return order i of a series divided by ``depth``; lower orders of it are in ``other``."""
     total = load(series, i, a)
     for j in range(1, i + 1):
         total = total - load(o.depth, j, a) * load(o.other, i - j, a)
@@ -167,7 +170,7 @@ def quotient(o, series, i, a):
 
 @called
 def expand_any_tangent(shape, w, row, coupled, inverse):
-    """Series of a tangent vector over the step of ``expand_derivatives``."""
+    """Compute the series of a tangent vector; call ``expand_derivatives`` before."""
     o, last = w.own, w.k.shape[0] - 1
     begin_series(shape, w, row)
     for i in range(last):
@@ -189,7 +192,7 @@ def expand_any_tangent(shape, w, row, coupled, inverse):
 
 @called
 def shorten(w):
-    """Rewrite all series for the part of each lane's step over which they hold."""
+    """Cut the interval of each lane where the last terms exceed ``TAIL``; rescale all series."""
     o, last = w.own, w.q.shape[0] - 1
     end, before = 0.0, 0.0
     for k in range(w.q.shape[1]):
@@ -238,5 +241,5 @@ def shorten(w):
 
 @inlined
 def most(a, b):
-    """The larger one, lane by lane."""
+    """Return the maximum of a and b, lane by lane."""
     return choose(a < b, b, a)

@@ -1,12 +1,12 @@
-"""Derivatives of the state by parameters, as columns that run beside it; the compiled part.
+"""Derivatives of the state by parameters (columns), integrated beside it: the compiled part.
 
-Beside each move go two neighbours of the motion, with the constants of theta + eps and
-theta - eps, in the same contact over the same part of the step: half of their difference over eps
-is the column there. Where the motion is affine between switches the neighbours start from the
-state plus and minus eps times the column. Where it is not they start from the state itself, the
-column moves as a tangent vector does, and the difference is added. Where a force jumps columns
-jump as tangent vectors do, for what theta moves of the place of the jump too. See
-``core.sensitivity``.
+For each parameter theta and each move two neighbours of the motion are integrated, with the
+constants of theta + eps and theta - eps, in the same contact over the same fraction of the
+interval; their difference over 2 eps is the column. Where the motion is affine between switches
+the neighbours start from the state plus and minus eps times the column. Where it is not, they
+start from the state itself, the column is integrated as a tangent vector, and the difference is
+added. Where a force jumps, columns jump as tangent vectors do, with a term for the border that
+theta moves. See ``core.sensitivity``; for arguments ``lanes.packed``.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ Flags = NDArray[np.bool_]
 
 
 class Near(NamedTuple):
-    """Columns of a batch and their neighbours; n values with p columns each."""
+    """Columns of the n models of a batch, p each, and work arrays of their neighbours."""
 
     table: Array  # (n, 2 p, rows, entries) constants, plus and minus of each in turn
     steps: Array  # (n, p, 1) eps
-    starts: Array  # (n, p, n_state)
+    starts: Array  # (n, p, n_state) columns at the start
     found: Array  # (n, p, n_state) columns at the end
-    constants: Array  # (2 p, rows, entries, LANES) of the values in the lanes
-    step: Array  # (p, 1, LANES)
-    excites: Flags  # (p,) whether k, e or the loads of any value differ between the neighbours
-    columns: Array  # (p, n_state, LANES), moved in place
-    more: Array  # (p, n_state, LANES) what parameters alone change in a move
-    moved: Array  # (p, n_mesh, LANES) what they move the next switch of each mesh by
-    pair: Array  # (1, n_state, LANES) the neighbour on the side of plus
-    work: Work  # scratch
+    constants: Array  # (2 p, rows, entries, LANES) of the models in the lanes
+    step: Array  # (p, 1, LANES) eps of the models in the lanes
+    excites: Flags  # (p,) whether k, e or the loads of any model differ between the neighbours
+    columns: Array  # (p, n_state, LANES) present columns, advanced in place
+    more: Array  # (p, n_state, LANES) change of the end of a move by each parameter alone
+    moved: Array  # (p, n_mesh, LANES) change by each parameter of the border that a mesh meets
+    pair: Array  # (1, n_state, LANES) end state of the neighbour on the plus side
+    work: Work  # work arrays of the neighbours
 
 
 @inlined
 def work_with(w, constants, y):
-    """Work that shares every buffer of ``w`` except ``constants`` and ``y``; nothing is copied."""
+    """Return a ``Work`` of ``constants`` and ``y`` that shares all other arrays with ``w``."""
     return Work(
         constants,
         y,
@@ -89,7 +89,7 @@ def work_with(w, constants, y):
 
 @called
 def take_columns(near, lane, value):
-    """Put a value's columns and the constants of its neighbours into a lane."""
+    """Copy start columns and neighbours' constants of model number ``value`` into a lane."""
     for c in range(near.table.shape[1]):
         for row in range(near.table.shape[2]):
             for m in range(near.table.shape[3]):
@@ -102,7 +102,7 @@ def take_columns(near, lane, value):
 
 @called
 def tell_columns(near, lane, value):
-    """Columns of a value that is done."""
+    """Copy the columns of a lane into ``near.found``, as results of model number ``value``."""
     for c in range(near.columns.shape[0]):
         for j in range(near.columns.shape[1]):
             near.found[value, c, j] = get(near.columns, c, j, lane)
@@ -110,18 +110,18 @@ def tell_columns(near, lane, value):
 
 @inlined
 def follow(w, near):
-    """Bring the scratch of the neighbours to where the lanes of a run are."""
+    """Copy progress and contact of the lanes into the work arrays of the neighbours."""
     for row in range(w.lane.shape[0]):
         store(near.work.lane, row, 0, load(w.lane, row, 0))
     for row in range(w.mesh.shape[0]):
         for m in range(w.mesh.shape[1]):
             store(near.work.mesh, row, m, load(w.mesh, row, m))
-    store(near.work.lane, SWITCHES, 0, 1.0)  # signs of forces stay as they are
+    store(near.work.lane, SWITCHES, 0, 1.0)  # not 0: contact and signs are not set anew
 
 
 @inlined
 def neighbour(w, near, i):
-    """Scratch of neighbour i, with its angle of the control."""
+    """Return the neighbours' work arrays with constants and control angle of neighbour i."""
     other = work_with(near.work, near.constants[i], near.work.y)
     ahead = load(other.constants, CONTROL_PHASE, 0) - load(w.constants, CONTROL_PHASE, 0)
     store(other.lane, ANGLE, 0, load(w.lane, ANGLE, 0) + ahead)
@@ -130,7 +130,7 @@ def neighbour(w, near, i):
 
 @called
 def copy_excitation(run, w):
-    """Series of k, e and the loads from one scratch to another."""
+    """Copy the series of k, e and the loads from the work arrays ``run`` to ``w``."""
     for i in range(w.k.shape[0]):
         for m in range(w.k.shape[1]):
             store(w.k, i, m, load(run.k, i, m))
@@ -141,7 +141,7 @@ def copy_excitation(run, w):
 
 @called
 def move_columns(shape, w, near, inverse, controlled):
-    """Advance columns by the move of each lane beside motions that are affine, from ``w.y`` on."""
+    """Advance columns by the move of each lane, for affine motions; ``w.y`` is before the move."""
     follow(w, near)
     n = near.columns.shape[1]
     for c in range(near.columns.shape[0]):
@@ -169,9 +169,7 @@ def move_columns(shape, w, near, inverse, controlled):
 
 @called
 def push_columns(shape, w, near, inverse, controlled):
-    """What the parameters alone make of the moves, into ``near.more``, and of the switches at
-    their end, into ``near.moved``.
-    """
+    """Compute ``near.more`` and ``near.moved``, the changes of a move by the parameters alone."""
     follow(w, near)
     n = near.columns.shape[1]
     for c in range(near.columns.shape[0]):
@@ -195,7 +193,11 @@ def push_columns(shape, w, near, inverse, controlled):
 
 @called
 def put_moved(w, near, other, c, scale, fresh):
-    """Add to ``near.moved`` what one neighbour's errors and borders are at the end of the move."""
+    """Add ``scale`` times the deflection at which each mesh of a neighbour meets its border.
+
+    The sum is row c of ``near.moved``, at the end of the move; ``fresh`` begins a new sum. Errors
+    are added to the border, displacements by added coordinates subtracted.
+    """
     first = w.q.shape[1] - w.shape[4]
     for a in range(w.k.shape[1]):
         contact = load(w.mesh, CONTACT, a)
@@ -214,7 +216,7 @@ def put_moved(w, near, other, c, scale, fresh):
 
 @inlined
 def at_move(w, series, a):
-    """Value of column a of a series at the end of each lane's move."""
+    """Return the value of column a of a series at the end of each lane's move."""
     move, value = load(w.lane, MOVE, 0), load(series, series.shape[0] - 1, a)
     for i in range(series.shape[0] - 2, -1, -1):
         value = fma(value, move, load(series, i, a))
@@ -223,14 +225,14 @@ def at_move(w, series, a):
 
 @inlined
 def jump_columns(shape, w, near):
-    """Saltation of columns where a mesh force jumps at the end of a move."""
+    """Apply the saltation matrix to columns where a mesh force jumps at the end of a move."""
     for c in range(near.columns.shape[0]):
         jump_rows(shape, w, near.columns, c, True, near.moved)
 
 
 @called
 def move_any_columns(shape, w, near, inverse):
-    """Advance columns with the series of the moves, after ``expand_derivatives``."""
+    """Advance columns as tangent vectors and add ``near.more``, after ``expand_derivatives``."""
     of_columns = work_with(w, w.constants, near.columns)
     for c in range(near.columns.shape[0]):
         expand_any_tangent(shape, of_columns, c, True, inverse)

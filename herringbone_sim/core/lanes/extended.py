@@ -1,8 +1,8 @@
-"""What effects add to the recurrences of a gear that stays linear between switches.
+"""Friction, added coordinates and damping by contact in the recurrences of the kernel.
 
-Friction on the flanks, further coordinates on seats of their own (a ring or pins that move), and
-damping that hangs on contact; a gear without them, see ``Packed.extended``, compiles without it.
-A seat is one more row like a mesh, of constant stiffness; see ``Packed.push`` for its forces.
+Added coordinates (a ring or pins that move) are each on a seat: one more column like a mesh, of
+constant stiffness; see ``Packed.push`` for its forces. Plain gears (``Packed.extended``) compile
+without them. Arguments: see ``lanes.packed``.
 
 Over 300 lines: what effects add to a motion is read together with what they add to tangents.
 """
@@ -42,33 +42,36 @@ from herringbone_sim.core.right_hand_side import ON_EDGE
 
 @inlined
 def law_row(w):
-    """First row of the constants of laws."""
+    """Return the first row of the constants of laws."""
     return window_row(w, w.shape[2])
 
 
 @inlined
 def shift_row(w, coupled, j):
-    """Row of the displacement of the meshes by further coordinate j."""
+    """Return the row of the displacement of the meshes by added coordinate j."""
     return law_row(w) + ROWS_OF_LAWS + (j if coupled else w.shape[4] + j)
 
 
 @inlined
 def push_row(w, coupled, which, k):
-    """Row of part ``which`` of ``Packed.push`` on coordinate k."""
+    """Return the row of ``Packed.push[which, k]``."""
     part = which if coupled else 3 + which
     return law_row(w) + ROWS_OF_LAWS + 2 * w.shape[4] + part * (w.q.shape[1] + 1) + k
 
 
 @inlined
 def down(a):
-    """Largest whole numbers that are not larger."""
+    """Return the floor, lane by lane."""
     whole = nearest(a)
     return choose(a < whole, whole - 1.0, whole)
 
 
 @inlined
 def stop_at_pitch(w):
-    """End the step of each lane where its flanks next change their slide, if there is friction."""
+    """End the interval of each lane at the next multiple of half a mesh cycle, if it has friction.
+
+    There the distance from the pitch point passes zero or jumps to the next pair of teeth.
+    """
     if w.rubs.size > 0:
         left = load(w.lane, LEFT, 0)
         start = load(w.lane, PHASE, 0) * (1.0 / TWO_PI)
@@ -89,7 +92,7 @@ def stop_at_pitch(w):
 
 @inlined
 def touch_all(shape, w):
-    """Contact of meshes and seats in the lanes that begin a step; signs are not known there."""
+    """Set contact of meshes and seats, and force signs to 0 (unknown), as a grid step begins."""
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
     m = sides + half
@@ -116,7 +119,7 @@ def touch_all(shape, w):
 
 @inlined
 def set_damping(w):
-    """Damping of meshes and seats in their present contact."""
+    """Set DAMP: the damping of meshes and seats in their present contact."""
     for a in range(w.x.shape[1]):
         separated = load(w.mesh, CONTACT, a) == 0.0
         c = load(w.constants, DAMPING, a)
@@ -125,7 +128,10 @@ def set_damping(w):
 
 @inlined
 def shift_series(w, i, rate, coupled):
-    """Order i of deflections and rates: the parts of further coordinates, and the seats."""
+    """Add the displacements by added coordinates to order i of deflections and their rates.
+
+    Those of seats are set.
+    """
     first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
     for t in range(w.shifts.shape[0]):
         j, a = w.shifts[t, 0], w.shifts[t, 1]
@@ -139,8 +145,9 @@ def shift_series(w, i, rate, coupled):
 
 @inlined
 def shift_forces(w, i, forced, coupled):
-    """Order i of deflections, f and damping forces: the parts of further coordinates; of seats,
-    the forces.
+    """Add the displacements by added coordinates to order i of deflections, f, damping forces.
+
+    Deflections and forces of seats are set.
     """
     first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
     for t in range(w.shifts.shape[0]):
@@ -165,7 +172,7 @@ def shift_forces(w, i, forced, coupled):
 
 @inlined
 def keep_forces(w, i, forced, coupled):
-    """Keep order i of the forces, and work out what ``Packed.push`` does with it."""
+    """Store order i of the forces in ``w.forces``; write their ``Packed.push`` into ``w.push``."""
     if w.pairs.shape[0] > 0:
         for a in range(w.x.shape[1]):
             store(w.forces, i, a, load(w.force, 0, a))
@@ -176,7 +183,7 @@ def keep_forces(w, i, forced, coupled):
 
 @inlined
 def know_signs(w):
-    """Signs of the forces, where not known yet, and the shares in which forces push."""
+    """Set unknown signs of forces with friction, and ``w.mix``: accelerations by unit forces."""
     n, t_all = w.k.shape[1], w.pairs.shape[0]
     for r in range(w.rubs.size):
         a = w.rubs[r]
@@ -202,7 +209,7 @@ def know_signs(w):
 
 @inlined
 def push_pairs(w, i, coupled):
-    """Order i of the accelerations of ``Packed.push`` into ``w.push``."""
+    """Write order i of the accelerations by ``Packed.push`` into ``w.push``."""
     t_all = w.pairs.shape[0]
     first = 0 if coupled else 2 * t_all
     t = 0
@@ -220,7 +227,7 @@ def push_pairs(w, i, coupled):
 
 @inlined
 def turn_signs(w):
-    """Change the signs of the forces that do so at the end of their lane's move."""
+    """Reverse the signs of the forces that change sign at the end of their lane's move."""
     move = load(w.lane, MOVE, 0)
     for r in range(w.rubs.size):
         a = w.rubs[r]
@@ -231,7 +238,7 @@ def turn_signs(w):
 
 @inlined
 def set_jump(w, a, old, new):
-    """Jump of a mesh force at a change of contact, over the rate, and the sign it has there."""
+    """Set JUMP, the jump of a force at a change of contact over the rate of x, and its SIGN."""
     share = load(w.constants, DAMPING, a) - load(w.constants, law_row(w) + OPEN, a)
     jump = share * (absolute(new) - absolute(old))
     store(w.mesh, JUMP, a, jump)
@@ -241,23 +248,23 @@ def set_jump(w, a, old, new):
 
 @inlined
 def without_zero(a):
-    """The lanes that are not zero."""
+    """Return the mask of the lanes in which a is not zero."""
     return a != 0.0
 
 
 @called
 def jump_tangents(shape, w):
-    """Saltation of tangent vectors where a mesh force jumps at the end of a move."""
+    """Apply the saltation matrix to tangent vectors where a mesh force jumps at a move's end."""
     for row in range(1, w.y.shape[0]):
         jump_rows(shape, w, w.y, row, row == 1 or len(shape[0]) == 2, None)
 
 
 @inlined
 def jump_rows(shape, w, y, row, coupled, moved):
-    """Saltation of a row of tangent vectors: the other motion jumps later.
+    """Apply the saltation matrix to row ``row`` of y: a neighbour jumps at another time.
 
     Args:
-        moved: None, or by row and mesh how far the border of the jump moves with it.
+        moved: None, or (rows, n_mesh) by how much a parameter moves the border of the jump.
     """
     sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
     half = sides * c
@@ -312,7 +319,7 @@ def jump_rows(shape, w, y, row, coupled, moved):
 
 @inlined
 def ends(w, series, a, end_row, slope_row):
-    """Value and slope at the end of the step of column a of a series, into rows of ``w.mesh``."""
+    """Write value and slope of column a of a series at the interval's end into ``w.mesh``."""
     end, slope = 0.0, 0.0
     for i in range(series.shape[0] - 1, 0, -1):
         x = load(series, i, a)

@@ -1,6 +1,19 @@
-"""What the kernel reads and scribbles on; the last axis of every array is the lane, if any.
+"""Constants and work arrays of the kernel; the last axis of every array is the lane, if any.
 
-A motion whose halves are alike is integrated as one half (``sides`` 1): its meshes stand for two.
+A motion whose halves are equal is integrated as one half (``sides`` 1): its meshes stand for two.
+Lanes advance by moves. A move goes to the end of an interval or to the first switch in it; the
+interval goes to the end of the step of the phase grid, or to the first place in it that is known
+before, as the edge of an event. Series are Taylor coefficients, order i in row i, in the fraction
+of the interval. Common arguments of the compiled functions:
+
+- ``w``: ``Work``; ``i``: an order; ``a``, ``m``: a column, of a mesh or, behind the meshes, of a
+  seat (the spring of a coordinate that effects add, see ``core.packed``); ``lane``: one lane.
+- ``shape``: tuples of zeros, as many as sides, as classes, and one if a gear is not plain. Their
+  lengths are part of their type: loops are unrolled, and plain gears compile without the rest.
+- ``forced``: True for the state; tangent vectors are without errors, borders and loads.
+- ``coupled``: False for tangent vectors that are antisymmetric in left and right.
+- ``controlled``: whether any gear has control or added torques; ``inverse``: 1 / i at index i.
+- ``near``: None, or the derivatives by parameters to integrate too, see ``columns.Near``.
 
 Over 300 lines: the rows of the arrays stand beside the functions that fill them.
 """
@@ -30,27 +43,32 @@ ORDER, K_COS, K_SIN, E_COS, E_SIN = range(5)
 # PERIOD, POSITION, WIDTH, WINDOW_K, WINDOW_D of each event.
 LOAD_ORDER, LOAD_COS, LOAD_SIN = range(3)
 PERIOD, POSITION, WIDTH, WINDOW_K, WINDOW_D = range(5)
-# Of gears that are not plain, behind all of these: REFERENCE, EXPONENT, SHARE of the damping by
-# another law, its POWER and DEPTH, by mesh; OPEN, the damping out of contact, and HALF, half of
-# the play, by mesh and seat; STIFF and ROUNDING of the seats, behind the meshes. Then
-# ``own_shift``, a row a further coordinate, and ``push``, a row an acceleration; both twice, for
-# motions in which left and right are alike, and for perturbations that part them. Seats have
-# DAMPING and BORDER, too.
+# Of gears that are not plain, behind all of these: the five rows of ``Packed.law`` by mesh (OTHER,
+# POWER, DEPTH are law[2:]); OPEN, the damping out of contact, and HALF, half of the play, by mesh
+# and seat; STIFF and ROUNDING of the seats, behind the meshes. Then ``own_shift``, a row for each
+# added coordinate, and ``push``, a row for each acceleration; both twice, for ``coupled`` motions
+# and for antisymmetric perturbations. Seats have DAMPING and BORDER, too.
 REFERENCE, EXPONENT, OTHER, POWER, DEPTH, OPEN, HALF, STIFF, ROUNDING = range(9)
 ROWS_OF_LAWS = 9
 ROWS_A_HARMONIC, ROWS_A_LOAD, ROWS_A_WINDOW = 5, 3, 5
-NEVER = 1e300  # mesh cycles between the events of a value that has none
+NEVER = 1e300  # mesh cycles between the events of a model that has none
 
-# Rows of ``Work.mesh`` and of ``Work.lane``.
+# Rows of ``Work.mesh``: contact (1 drive, 0 separated, -1 back); x and its slope at the end of the
+# interval; fraction of it at which contact switches (2: not) and to which; grid steps in drive and
+# back contact; whether |f| > ``NEAR``; sign of the force; fractions at which these two switch.
 CONTACT, END, END_SLOPE, AT, NEXT, DRIVE, BACK, DEEP, SIGN, AT_DEPTH, AT_SIGN = range(11)
 DAMP, JUMP = 11, 12  # damping in the present contact; jump of the force over the rate
+# Rows of ``Work.lane``: fraction of the grid step that is done; length of the interval (tau) and
+# its fraction of the rest of the step; phase at its start; fraction of it that the move covers;
+# angle of the control at phase 0; mesh cycle; moves done in the step.
 DONE, LEFT, SHARE, PHASE, MOVE, ANGLE, CYCLE, SWITCHES = range(8)
-START, SIDE, TURN = 8, 9, 10  # turn of the flanks from the pitch point, its side, turn of the step
+START, SIDE, TURN = 8, 9, 10  # mesh cycles from the pitch point, on which side; of the interval
 
 
 class Work(NamedTuple):
-    """Scratch of one batch; p = order, n = meshes, m = coordinates, s = further ones among them,
-    t = pairs, each times LANES.
+    """Constants and work arrays of the lanes, or of one orbit (arrays then have no lane axis).
+
+    p = order, n = meshes, m = coordinates, s = those among them that effects add, t = pairs.
     """
 
     constants: Array  # (rows, n)
@@ -58,32 +76,32 @@ class Work(NamedTuple):
     k: Array  # (p + 1, n) series of the stiffness
     error: Array  # (p + 1, n) series of e
     scale: Array  # (p + 1, 1) series of one harmonic without its phase
-    load: Array  # (p + 1, m) series of the outer acceleration
+    load: Array  # (p + 1, m) series of minus the acceleration by control and added torques
     q: Array  # (p + 1, m) series of the displacements
     v: Array  # (p + 1, m) series of the velocities
     x: Array  # (p + 1, n + s) series of the deflections, of seats behind those of meshes
-    f: Array  # (p + 1, n + s) the same where in contact, else 0
+    f: Array  # (p + 1, n + s) series of the deflection beyond the backlash
     force: Array  # (1, n + s) one order of the forces
-    forces: Array  # (p + 1, n + s) series of them, of gears that are not plain
-    push: Array  # (1, m + 1) accelerations that ``pairs`` add, last of the carrier
-    mix: Array  # (4 t, 1) by a force and by its order before; then both where halves part
-    mesh: Array  # (13, n + s) contact and what decides on its switching
-    lane: Array  # (11, 1) where in its step each lane is
+    forces: Array  # (p + 1, n + s) series of the forces, of gears that are not plain
+    push: Array  # (1, m + 1) one order of the accelerations by ``pairs``, last of the carrier
+    mix: Array  # (4 t, 1) factors of ``pairs`` on orders i, i - 1 of a force; antisymmetric ones
+    mesh: Array  # (13, n + s) contact and its switching, see CONTACT and the other rows
+    lane: Array  # (11, 1) progress of each lane, see DONE and the other rows
     turned: Array  # (h + l, 1) angle of each harmonic at phase 0 of the cycle
-    bump: Array  # (p + 1, 1) series of an event
+    bump: Array  # (p + 1, 1) series of the height of an event
     shape: Indices  # as ``Shape``
-    pairs: Indices  # (t, 2) rows and columns of ``push`` that hold anything in any gear
+    pairs: Indices  # (t, 2) rows and columns of ``push`` that are non-zero in any gear
     shifts: Indices  # (.., 2) rows and columns of ``own_shift``, likewise
-    rubs: Indices  # (r,) meshes with friction, likewise
+    rubs: Indices  # (r,) meshes with friction in any gear
     own: NonlinearWork
-    value: Indices  # number of the value in each lane, -1 when idle; as the next ones (LANES,)
-    place: Indices  # grid step within the cycle
-    cycle: Indices  # cycles done
-    steps: Indices  # grid steps a cycle
+    value: Indices  # (LANES,) number of the model in each lane, -1 for none
+    place: Indices  # (LANES,) grid step within the cycle
+    cycle: Indices  # (LANES,) cycles done
+    steps: Indices  # (LANES,) grid steps per cycle
 
 
 class NonlinearWork(NamedTuple):
-    """Scratch for gears whose forces are nonlinear between switches (``Packed.powers``).
+    """Work arrays for gears whose forces are nonlinear between switches (``Packed.powers``).
 
     p, n, s and the axis of lanes as in ``Work``; the series of other gears are empty. f is the
     deflection beyond the backlash, |f| its depth.
@@ -97,7 +115,7 @@ class NonlinearWork(NamedTuple):
     damper: Array  # (p + 1, n) series of the factor on c v
     soft: Array  # (p + 1, n) series of the derivative of the mesh force by the deflection
     damp: Array  # (p + 1, n) series of the derivative of the mesh force by the rate
-    factor: Array  # (4, n) on f and c v while the law is taken linear, and on the powers else
+    factor: Array  # (4, n) on f and c v where the law is replaced by a linear one; on the powers
     give: Array  # (p + 1, s) series of the derivative of the seats' forces by the deflection
     corner: Array  # (6 (p + 1), s) series of both rounded corners of the play of seats
     other: Array  # (p + 1, n) series of ``spring_power`` or ``damper_power`` over |f|
@@ -113,11 +131,13 @@ def make_work(
     tangents: int,
     lanes: tuple[int, ...] = (LANES,),
 ) -> Work:
-    """Scratch for a batch with these constants and so much in them.
+    """Return work arrays that can hold the constants in a table; no constants are copied.
 
     Args:
         table: (n, rows, entries) of ``constants``.
-        lanes: last axis of all arrays; none, ``()``, for one orbit.
+        shape: sizes, from ``shape_of``.
+        n_mesh, sides: meshes and halves that are integrated.
+        lanes: last axis of all arrays; ``()`` for one orbit.
     """
     p, n_all, n_row = order + 1, sides + n_mesh // 2 + shape.own, n_mesh + shape.own
     q = p if shape.powers else 0
@@ -172,18 +192,18 @@ def make_work(
 
 
 class Shape(NamedTuple):
-    """The most that any value of a batch has of what the gears may have several of."""
+    """Largest number of harmonics, torques, events ... that any gear of a batch has."""
 
     harmonics: int
-    loads: int
-    windows: int
-    powers: int  # 1 where a gear has powers
-    own: int  # further coordinates that are integrated, the same number in every gear
-    extended: int  # 1 where a gear is not plain
+    loads: int  # harmonics of added torques
+    windows: int  # events
+    powers: int  # 1 if any gear has powers
+    own: int  # added coordinates that are integrated, the same number in every gear
+    extended: int  # 1 if any gear is not plain
 
 
 def shape_of(models: Sequence[Model], own: int) -> Shape:
-    """Shape that holds all of these models, with so many further coordinates."""
+    """Return the shape that holds all models, with ``own`` added coordinates integrated."""
     gears = [model.packed for model in models]
     return Shape(
         max(len(p.orders) for p in gears),
@@ -196,9 +216,10 @@ def shape_of(models: Sequence[Model], own: int) -> Shape:
 
 
 def constants(models: Sequence[Model], sides: int, shape: Shape) -> Array:
-    """Constants (n_models, rows, entries) of models of one layout, of one half or both.
+    """Return the constants (n_models, rows, entries) of models of one layout, of one half or both.
 
-    A row has an entry a mesh and seat, or a coordinate where there are more of those.
+    The meaning of the rows is at the top of this module; a row has an entry for each mesh and
+    seat, or for each coordinate.
     """
     loads = HARMONICS + ROWS_A_HARMONIC * shape.harmonics
     windows = loads + ROWS_A_LOAD * shape.loads
@@ -220,7 +241,7 @@ def constants(models: Sequence[Model], sides: int, shape: Shape) -> Array:
 def _what_acts(
     table: Array, shape: Shape, n_all: int, n_row: int
 ) -> tuple[Indices, Indices, Indices]:
-    """Pairs, shifts and meshes that rub of a table of constants, as in ``Work``."""
+    """Return ``pairs``, ``shifts`` and ``rubs`` of ``Work`` for a table of constants."""
     none = np.zeros((0, 2), dtype=np.int64)
     if not shape.extended:
         return none, none, none[:, 0]
@@ -256,7 +277,7 @@ def _fill(row: Array, model: Model, sides: int) -> None:
 
 
 def _meshes(model: Model, sides: int) -> Indices:
-    """Numbers of the meshes that are integrated."""
+    """Return the indices of the meshes that are integrated."""
     c = model.layout.n_classes
     return np.arange(4 * c).reshape(2, 2, c)[:, :sides].ravel()
 
@@ -282,7 +303,7 @@ def _fill_windows(rows: Array, model: Model, sides: int) -> None:
 
 
 def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
-    """Laws, friction and further coordinates, from a row on, and the dampers of seats."""
+    """Write laws, ``own_shift`` and ``push`` from row ``laws`` on; DAMPING and BORDER of seats."""
     p, c, m = model.packed, model.layout.n_classes, model.layout.n_coordinate
     own, meshes = chosen_own(model, sides), _meshes(model, sides)
     s, n = len(own), len(meshes)
@@ -300,11 +321,11 @@ def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
     shifts = law[ROWS_OF_LAWS : ROWS_OF_LAWS + 2 * s, :n].reshape(2, s, n)
     pushes = law[ROWS_OF_LAWS + 2 * s :, : n + s].reshape(2, 3, len(to), n + s)
     shifts[:], pushes[:] = p.own_shift[own][:, meshes], p.push[:, to][:, :, sources]
-    if sides == 1:  # the other half moves along, or against it
+    if sides == 1:  # the other half moves with this one, or against it
         mirror, twins = np.arange(4 * c).reshape(2, 2, c)[:, ::-1].ravel(), own_mirror(model)[own]
         other_shift = p.own_shift[twins][:, meshes]
         other_push = p.push[:, to][:, :, np.concatenate([mirror[meshes], 4 * c + twins])]
-        here = np.concatenate([np.ones(n), twins != own])  # on the mirror it counts once
+        here = np.concatenate([np.ones(n), twins != own])  # a coordinate of both halves: once
         shifts[0] += here[n:, None] * other_shift
         pushes[0] += here * other_push
         shifts[1] -= other_shift
@@ -312,9 +333,10 @@ def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
 
 
 def own_mirror(model: Model) -> Indices:
-    """Further coordinate (s,) that each one is the mirror image of, left for right.
+    """Return the index (s,) of the added coordinate that is the mirror image of each.
 
-    One that carries both halves is its own; one without an image, too, which ``batch`` finds out.
+    A coordinate of both halves is its own image; so is one without an image, which
+    ``mirror.has_equal_halves`` detects.
     """
     p, c = model.packed, model.layout.n_classes
     mirrored = p.own_shift.reshape(-1, 2, 2, c)[:, :, ::-1].reshape(-1, 4 * c)
@@ -327,6 +349,9 @@ def own_mirror(model: Model) -> Indices:
 
 
 def chosen_own(model: Model, sides: int) -> Indices:
-    """Numbers of the further coordinates that are integrated: of mirror images the first."""
+    """Return the indices of the added coordinates that are integrated.
+
+    With ``sides`` 2 all; with 1 the first of each two mirror images.
+    """
     every = np.arange(model.n_own)
     return every if sides == 2 else every[every <= own_mirror(model)]

@@ -1,4 +1,4 @@
-"""Where in the constants of the lanes the rows of torques and events begin."""
+"""First rows of torques and events in ``Work.constants``."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from herringbone_sim.core.packed import inlined
 
 @inlined
 def load_row(w, j):
-    """First row of the constants of torque j."""
+    """Return the first row of the constants of torque j."""
     return HARMONICS + ROWS_A_HARMONIC * w.shape[0] + ROWS_A_LOAD * j
 
 
 @inlined
 def window_row(w, j):
-    """First row of the constants of event j."""
+    """Return the first row of the constants of event j."""
     return load_row(w, w.shape[1]) + ROWS_A_WINDOW * j

@@ -1,9 +1,9 @@
-"""The compiled batch: lanes take values from a queue and go on until it is empty.
+"""The compiled batch: the lanes integrate the models of a queue until it is empty.
 
-Every lane steps through its own phases and switches: none waits for another. When a value is
-done, its lane takes the next one.
+A value is a model of the batch with its start state. Each lane has an independent phase and
+independent switches, so none waits for another; after a value it begins the next of the queue.
 
-Over 300 lines: all that a lane does, from taking a value to telling its results, in order.
+Over 300 lines: all that a lane does with a value, from its start to its results, in order.
 """
 
 from __future__ import annotations
@@ -67,27 +67,30 @@ IDLE = -1
 
 
 class Values(NamedTuple):
-    """What is run: n values."""
+    """Input of the n values (models with start states) of a batch."""
 
     table: Array  # (n, rows, entries) constants
-    steps: Indices  # (n,) steps a mesh cycle
+    steps: Indices  # (n,) steps per mesh cycle
     starts: Array  # (n, 1 + tangents, n_state) initial states and tangents
-    before: Indices  # (n,) mesh cycles run earlier: the phase of what does not repeat in one
+    before: Indices  # (n,) mesh cycles before the start: the phase of slower forcing
 
 
 class Results(NamedTuple):
-    """What comes of n values."""
+    """Results of the n values of a batch, written by the lanes."""
 
     sections: Array  # (n, points, n_state)
     end: Array  # (n, n_state)
     growth: Array  # (n, batches + 1, tangents), see ``end_cycle``
-    contact: Array  # (n, n_mesh, 2) steps in back and in drive contact
-    failed: NDArray[np.bool_]  # (n,)
+    contact: Array  # (n, n_mesh, 2) time in back and in drive contact, in grid steps
+    failed: NDArray[np.bool_]  # (n,) whether the motion diverged
 
 
 @inlined
 def begin_steps(w, index, steps):
-    """Phase and remaining length of the step that each lane is in."""
+    """Set the start phase and the length of the next interval of each lane (PHASE, LEFT, SHARE).
+
+    It ends with the grid step, or at the next edge of an event.
+    """
     for lane in range(n_lanes(w.lane)):
         put(
             w.lane,
@@ -106,7 +109,7 @@ def begin_steps(w, index, steps):
 
 @inlined
 def time_to_edge(w, row):
-    """Dimensionless time to the next edge of an event, as ``right_hand_side.cycles_to_edge``."""
+    """Return the time (tau) to the next edge of an event, see ``right_hand_side``."""
     s = cycles_from_event(w, row)
     half = load(w.constants, row + WIDTH, 0) * 0.5
     near = ON_EDGE
@@ -119,13 +122,13 @@ def time_to_edge(w, row):
 
 @inlined
 def least(a, b):
-    """The smaller one, lane by lane."""
+    """Return the minimum of a and b, lane by lane."""
     return choose(b < a, b, a)
 
 
 @called
 def take_value(w, lane, value, table, starts):
-    """Put a value's constants and initial state into a lane."""
+    """Copy constants, initial state and tangents of model number ``value`` into a lane."""
     for row in range(table.shape[1]):
         for m in range(table.shape[2]):
             put(w.constants, row, m, lane, table[value, row, m])
@@ -138,7 +141,7 @@ def take_value(w, lane, value, table, starts):
 
 @called
 def normalise(w, lane, growth, last):
-    """Bring the tangents of a lane back to length 1; growth takes the logarithms."""
+    """Scale the tangents of a lane to length 1; add the logarithms to row ``last`` of growth."""
     for t in range(1, w.y.shape[0]):
         square = 0.0
         for j in range(w.y.shape[1]):
@@ -151,7 +154,7 @@ def normalise(w, lane, growth, last):
 
 @inlined
 def out_of_range(w, lane):
-    """Whether the deflections of a lane are those of no gear, or its state is none at all."""
+    """Whether a deflection of a lane exceeds ``LIMIT``, or its state is not finite."""
     largest = 0.0
     for m in range(w.x.shape[1]):
         size = abs(get(w.mesh, END, m, lane))
@@ -165,7 +168,7 @@ def out_of_range(w, lane):
 
 @inlined
 def forget(w, lane):
-    """Count contact from here on."""
+    """Reset the contact times of a lane to zero."""
     for m in range(w.mesh.shape[1]):
         put(w.mesh, DRIVE, m, lane, 0.0)
         put(w.mesh, BACK, m, lane, 0.0)
@@ -173,7 +176,7 @@ def forget(w, lane):
 
 @inlined
 def begin_cycle(w, lane, now):
-    """Angles at phase 0 of cycle ``now`` of all that does not repeat every mesh cycle."""
+    """Set a lane to mesh cycle ``now``: angles of control and all harmonics at its phase 0."""
     angle = angle_of(get(w.constants, CONTROL_ORDER, 0, lane), 0.0, now)
     put(w.lane, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
     put(w.lane, CYCLE, 0, lane, now)
@@ -187,10 +190,11 @@ def begin_cycle(w, lane, now):
 
 @called
 def end_cycle(w, lane, cycle, before, length, results, value):
-    """All that happens to a lane at phase 0; returns whether its value is done.
+    """Begin a mesh cycle of a lane: rescale tangents, store growth, section and contact.
 
-    ``cycle`` counts from the start of this run, ``before`` those that the gear has run earlier.
-    The last row of ``growth`` is a running sum.
+    Returns whether its value is done. ``cycle`` counts from the start of the batch, ``before`` are
+    the cycles before it, ``length`` is transient and observed cycles. The last row of ``growth``
+    is the running sum of the present batch of cycles.
     """
     transient, cycles = length
     sections, growth = results.sections[value], results.growth[value]
@@ -220,18 +224,14 @@ def end_cycle(w, lane, cycle, before, length, results, value):
 
 @embedded
 def through_lanes(move, shape, w, near, inverse, controlled, values, length, results):
-    """Run all values of a batch through the lanes.
+    """Integrate all values of a batch in the lanes.
 
     Args:
-        move: advances every lane to the end of its step, or to what switches before it.
-        near: None, or columns that run along, see ``columns.Near``.
-        shape: tuples of zeros, as many as sides and as classes, and one where a gear is not
-            plain: loops over them are unrolled, and plain gears compile without the rest.
-        inverse: (order + 2,) 1 / i.
-        controlled: whether any value has K != 0, or further torques.
+        move: ``move_plain`` or ``move_any``, advances every lane by a move.
+        shape, w, near, inverse, controlled: see ``lanes.packed``.
         values: see ``Values``.
-        length: mesh cycles left out, and those observed.
-        results: see ``Results``.
+        length: mesh cycles of the transient, and observed ones.
+        results: see ``Results``, written in place.
     """
     table, steps, starts, before = values
     n = table.shape[0]
@@ -255,7 +255,7 @@ def through_lanes(move, shape, w, near, inverse, controlled, values, length, res
         done = load(w.lane, DONE, 0)
         part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
         reached = done + part * (1.0 - done)
-        nothing_left = without(reached < 1.0)  # or rounded so
+        nothing_left = without(reached < 1.0)  # by rounding
         whole = (part == 1.0) | nothing_left
         arrived = bits(whole)
         switches = load(w.lane, SWITCHES, 0) + 1.0
@@ -294,7 +294,7 @@ def through_lanes(move, shape, w, near, inverse, controlled, values, length, res
 
 @inlined
 def move_plain(shape, w, near, inverse, controlled):
-    """One move of every lane of gears without powers: to the end of its step, or a switch."""
+    """Advance every lane of gears without ``Packed.powers`` by a move, see ``lanes.packed``."""
     if len(shape[2]) > 0:
         stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
@@ -314,14 +314,14 @@ def move_plain(shape, w, near, inverse, controlled):
             jump_columns(shape, w, near)
 
 
-# Each kind is compiled by itself, when it is first used.
+# A function for each kind of gear: only those that are used are compiled.
 @compiled
 def run_lanes(shape, w, near, inverse, controlled, values, length, results):
-    """``through_lanes`` of gears without powers."""
+    """``through_lanes`` for gears whose forces are linear between switches."""
     through_lanes(move_plain, shape, w, near, inverse, controlled, values, length, results)
 
 
 @compiled
 def run_any_lanes(shape, w, near, inverse, controlled, values, length, results):
-    """``through_lanes`` of gears with powers."""
+    """``through_lanes`` for gears whose forces are nonlinear between switches."""
     through_lanes(move_any, shape, w, near, inverse, controlled, values, length, results)

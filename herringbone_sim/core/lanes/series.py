@@ -1,8 +1,8 @@
-"""Taylor series of the excitation and of the motion over one step in one contact state.
+"""Taylor series of the excitation and of the motion over an interval in one contact state.
 
 Between two switches of contact the model is linear with periodic coefficients, so the series
 follows from a short recurrence: the stiffness series times the deflection series (a Cauchy product
-per mesh), then Newton's law. The series is dense output at no cost.
+per mesh), then Newton's law. Arguments: see ``lanes.packed``; ``turn`` is an angle per interval.
 
 Over 300 lines: the series of the excitation and of the motion are one recurrence.
 """
@@ -69,7 +69,7 @@ HALF_PI_HIGH, HALF_PI_LOW = 1.5707963267948966, 6.123233995736766e-17
 
 @exposed
 def sine_cosine(angle):
-    """Sine and cosine of angles up to some thousand, to the last bit or two."""
+    """Return sine and cosine of angles [rad] up to some thousand, to the last bit or two."""
     quarter = nearest(angle * 0.6366197723675814)
     r = fma(quarter, -HALF_PI_HIGH, angle)
     r = fma(quarter, -HALF_PI_LOW, r)
@@ -97,7 +97,7 @@ def sine_cosine(angle):
 
 @inlined
 def expand_scale(w, turn, inverse):
-    """Series turn^i / i! into ``w.scale``."""
+    """Write the coefficients turn^i / i! into ``w.scale``."""
     scale = 1.0
     for i in range(w.scale.shape[0]):
         store(w.scale, i, 0, scale)
@@ -106,7 +106,10 @@ def expand_scale(w, turn, inverse):
 
 @inlined
 def add_harmonic(w, out, m, cosine, sine, fresh):
-    """Add a cos(angle + s turn) + b sin(angle + s turn), given at s = 0 by its value and slope."""
+    """Add the series of cosine cos(turn s) + sine sin(turn s) to column m of ``out``.
+
+    ``w.scale`` is that of ``turn``. If ``fresh``, ``out`` holds nothing above order 0.
+    """
     for i in range(out.shape[0]):
         scale = load(w.scale, i, 0)
         if fresh and i > 0:
@@ -118,7 +121,7 @@ def add_harmonic(w, out, m, cosine, sine, fresh):
 
 @called
 def expand_excitation(w, inverse, controlled):
-    """Series of k(t) (Eq. 7), e(t) (Eq. 9) and the control over what is left of the step."""
+    """Write the series of k (Eq. 7), e (Eq. 9) and, if ``controlled``, control and torques."""
     n = w.k.shape[1]
     for m in range(n):
         store(w.k, 0, m, load(w.constants, STIFFNESS, m))
@@ -144,7 +147,7 @@ def expand_excitation(w, inverse, controlled):
 
 @inlined
 def cycles_from_event(w, row):
-    """Mesh cycles from the middle of the nearest event, in all lanes."""
+    """Return the mesh cycles since the middle of the nearest event, negative before it."""
     period = load(w.constants, row + PERIOD, 0)
     s = fma(load(w.lane, PHASE, 0), (1.0 / TWO_PI), load(w.lane, CYCLE, 0))
     s = s - load(w.constants, row + POSITION, 0)
@@ -153,7 +156,7 @@ def cycles_from_event(w, row):
 
 @called
 def expand_window(w, row, turn, inverse):
-    """Apply an event to the series of k and e of the lanes whose step is in it."""
+    """Apply an event to the series of k and e in the lanes whose interval lies in it."""
     width = load(w.constants, row + WIDTH, 0)
     s = cycles_from_event(w, row)
     middle = fma(turn, (0.5 / TWO_PI), s)
@@ -185,7 +188,7 @@ def expand_window(w, row, turn, inverse):
 
 @called
 def expand_load(w, j, turn, inverse):
-    """Take the series of a further torque off ``w.load``."""
+    """Subtract the series of the accelerations by added torque j from ``w.load``."""
     row = load_row(w, j)
     order = load(w.constants, row + LOAD_ORDER, 0)
     angle = fma(order, load(w.lane, PHASE, 0), load(w.turned, w.shape[0] + j, 0))
@@ -201,7 +204,7 @@ def expand_load(w, j, turn, inverse):
 
 @inlined
 def expand_control(w, inverse):
-    """Series of - K cos(order * phase + control_phase), Eq. (20), on all coordinates."""
+    """Write the series of K cos(order * phase + control_phase), Eq. (20), into ``w.load``."""
     order = load(w.constants, CONTROL_ORDER, 0)
     angle = fma(order, load(w.lane, PHASE, 0), load(w.lane, ANGLE, 0))
     turn = order * load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
@@ -224,7 +227,7 @@ def expand_control(w, inverse):
 
 @inlined
 def cauchy(w, i, m):
-    """Order i of the product k f of meshes m and m + 1: two chains at a time."""
+    """Add order i of the product k f to the forces of meshes m and m + 1, two sums in parallel."""
     even, odd = load(w.force, 0, m), load(w.force, 0, m + 1)
     for j in range(i + 1):
         even = fma(load(w.k, i - j, m), load(w.f, j, m), even)
@@ -235,10 +238,9 @@ def cauchy(w, i, m):
 
 @called
 def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
-    """Series of the state (row 0) or of a tangent vector over what is left of the step.
+    """Compute the series of row ``row`` of ``w.y``, state or tangent vector, over the interval.
 
-    A tangent vector sees no loads, no errors and no borders: it is not ``forced``. A perturbation
-    that parts left and right leaves the carrier at rest: it is not ``coupled`` through it.
+    An antisymmetric perturbation leaves the carrier at rest, so its halves are not ``coupled``.
     """
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
@@ -284,15 +286,9 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
 
 @inlined
 def begin_series(shape, w, row):
-    """Copy a row of ``w.y`` into order 0 of the series of displacements and of velocities.
+    """Copy row ``row`` of ``w.y`` into order 0 of the series of displacements and velocities.
 
-    Coordinates that effects add are included.
-
-    Args:
-        shape: tuples whose lengths are the numbers of sides and of classes of planets, and 1 for
-            gears that are not plain.
-        w: scratch of the batch, see ``Work``.
-        row: 0 the state, from 1 on the tangent vectors.
+    Row 0 is the state, the others are tangent vectors; coordinates that effects add are included.
     """
     m = len(shape[0]) * (1 + len(shape[1]))
     for k in range(m):
@@ -307,7 +303,7 @@ def begin_series(shape, w, row):
 
 @inlined
 def place_mesh(shape, w, i, a, x, v, forced):
-    """Order i of deflection and damping force of mesh a."""
+    """Store order i of x, f and the damping force of mesh a, from order i of x and its rate v."""
     contact = load(w.mesh, CONTACT, a)
     f = absolute(contact) * x
     if forced:
@@ -321,7 +317,10 @@ def place_mesh(shape, w, i, a, x, v, forced):
 
 @inlined
 def accelerate(shape, w, i, forced, coupled, controlled, scale):
-    """Next order of the motion from the mesh forces (Eqs. 12-14, as 18)."""
+    """Compute order i + 1 of the motion from order i of all forces (Eqs. 12-14, as 18).
+
+    ``scale`` is the length of the interval over i + 1.
+    """
     sides, c = len(shape[0]), len(shape[1])
     half = sides * c
     carrier = 0.0
@@ -362,7 +361,10 @@ def accelerate(shape, w, i, forced, coupled, controlled, scale):
 
 @inlined
 def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scale):
-    """Order i + 1 of one coordinate from order i of its acceleration."""
+    """Compute order i + 1 of a coordinate from order i of its acceleration.
+
+    ``row`` and ``entry`` are where the constants hold its constant acceleration.
+    """
     if forced:
         if i == 0:
             acceleration = acceleration + load(w.constants, row, entry)
@@ -374,7 +376,7 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
 
 @called
 def take_state(shape, w, row):
-    """State or tangent at the end of each lane's move, by Horner's rule, into ``w.y``."""
+    """Evaluate the series of motion at the end of each lane's move, into a row of ``w.y``."""
     move = load(w.lane, MOVE, 0)
     m = len(shape[0]) * (1 + len(shape[1]))
     s = w.shape[4] if len(shape[2]) > 0 else 0

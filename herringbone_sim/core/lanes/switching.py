@@ -1,4 +1,8 @@
-"""The first switching of contact in every lane: seen in all lanes at once, located one by one."""
+"""Find the first switch of contact in every lane, in all lanes at once where that is possible.
+
+Rare cases are located lane by lane (``core.switching``). A margin is a quantity whose change from
+positive to negative is a switch.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +40,13 @@ from herringbone_sim.core.lanes.vector import (
 from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.core.switching import leaves_at
 
-MAX_SUBSTEPS = 400  # switches within a step of the grid, before a lane is let through
-CLOSE = 1e-6  # a Newton step, in parts of the grid step: each is about the square of the last
+MAX_SUBSTEPS = 400  # moves within a grid step, after which a lane no longer stops at switches
+CLOSE = 1e-6  # of the interval: Newton step after which the next is negligible, about its square
 
 
 @inlined
 def may_leave(start, start_slope, stop, stop_slope):
-    """Lanes in which a margin turns negative within the step, or may have in between."""
+    """Return the mask of lanes in which a margin turns or may turn negative in the interval."""
     dips = (start_slope < 0.0) & (stop_slope > 0.0)
     if bits(dips):
         corner = (stop - stop_slope - start) / (start_slope - stop_slope)
@@ -53,11 +57,11 @@ def may_leave(start, start_slope, stop, stop_slope):
 
 @inlined
 def cross(series, m, sign, border, start, start_slope, stop, wanted):
-    """Where the margins sign * x + border of column m, positive at 0, turn negative before 1.
+    """Return where the margins sign * x + border of column m, positive at 0, are zero before 1.
 
-    Newton within a bracket, from the root of the parabola through both ends; the step after one
-    of ``CLOSE`` is below 1e-12. A lane stands still once it is there, so that it gives the same
-    beside any others.
+    Only ``wanted`` lanes are valid. Newton within a bracket, from the root of the parabola through
+    both ends; the step after one of ``CLOSE`` is below 1e-12. A lane no longer changes once it has
+    converged, so that its result does not depend on the others.
     """
     bend = stop - start - start_slope
     discriminant = start_slope * start_slope - 4.0 * start * bend
@@ -86,9 +90,9 @@ def cross(series, m, sign, border, start, start_slope, stop, wanted):
 
 @inlined
 def watch_mesh(w, m):
-    """Plain crossings of mesh m, in all lanes at once; returns, as bits, the lanes left over.
+    """Locate simple switches of mesh m in all lanes; returns, as bits, the lanes for ``locate``.
 
-    Left over are the rare lanes that may dip through a border and back within the step, or that
+    These are the rare ones that may dip through a border and back within the interval, or that
     start on one.
     """
     end, slope = 0.0, 0.0
@@ -124,7 +128,7 @@ def watch_mesh(w, m):
 
 @called
 def locate(x, w, m, lane):
-    """Where mesh m switches in one lane (2: nowhere) and to what, into ``w.mesh``."""
+    """Locate the switch of mesh m in one lane: AT (2: none), NEXT, and MOVE if it is the first."""
     contact, b = get(w.mesh, CONTACT, m, lane), get(w.constants, BORDER, m, lane)
     end, slope = get(w.mesh, END, m, lane), get(w.mesh, END_SLOPE, m, lane)
     before = get(w.lane, MOVE, 0, lane)
@@ -144,7 +148,7 @@ def locate(x, w, m, lane):
 
 @inlined
 def watch_sign(w, m):
-    """Where the force of mesh m changes its sign, as ``watch_mesh``."""
+    """Locate where the force of mesh m changes its sign, in all lanes: AT_SIGN and MOVE."""
     ends(w, w.forces, m, AT_DEPTH, AT_SIGN)
     sign, zero = load(w.mesh, SIGN, m), 0.0
     begin, first = sign * load(w.forces, 0, m), sign * load(w.forces, 1, m)
@@ -169,7 +173,7 @@ def watch_sign(w, m):
 
 @called
 def locate_sign(w, m, lane):
-    """Where the force of mesh m changes its sign in one lane (2: nowhere), into ``w.mesh``."""
+    """Locate where the force of mesh m changes its sign in one lane (2: nowhere), into row AT."""
     forces = w.forces.reshape(w.forces.shape[0], w.forces.size // w.forces.shape[0])
     end, slope = get(w.mesh, AT_DEPTH, m, lane), get(w.mesh, AT_SIGN, m, lane)
     sign = get(w.mesh, SIGN, m, lane)
@@ -184,10 +188,7 @@ def locate_sign(w, m, lane):
 
 @called
 def find_moves(w):
-    """How far each lane goes in its step, 1 or up to its first switch, into ``w.lane``.
-
-    A lane that has passed 400 switches within one step is let through to its end.
-    """
+    """Set MOVE: the fraction of its interval that each lane advances, 1 or up to a switch."""
     order, n = w.x.shape[0], w.x.shape[1]
     x = w.x.reshape(order, w.x.size // order)
     store(w.lane, MOVE, 0, 1.0)
@@ -207,9 +208,9 @@ def find_moves(w):
 
 @inlined
 def switch_contact(shape, w):
-    """New contact of all meshes that switch at the end of their lane's move.
+    """Set the new contact of all meshes that switch at the end of their lane's move.
 
-    Returns whether anything has switched.
+    Returns whether any lane's move ends at a switch.
     """
     move = load(w.lane, MOVE, 0)
     switching = move < 1.0
@@ -228,7 +229,7 @@ def switch_contact(shape, w):
 
 @inlined
 def touch(shape, w):
-    """Contact (Eqs. 1, 4) from the states in all lanes that begin a step of the grid."""
+    """Set the contact (Eqs. 1, 4) of the states in all lanes that begin a grid step."""
     if len(shape[2]) > 0:
         touch_all(shape, w)
         return
@@ -246,7 +247,7 @@ def touch(shape, w):
 
 @inlined
 def touch_mesh(w, m, x, begins):
-    """Contact of mesh m where a lane begins a step."""
+    """Set the contact of mesh m by its deflection x in the lanes of the mask ``begins``."""
     b = load(w.constants, BORDER, m)
     back = choose(x < 0.0 - b, -1.0, 0.0)
     contact = choose(x > b, 1.0, back)
@@ -255,7 +256,7 @@ def touch_mesh(w, m, x, begins):
 
 @called
 def count_contact(w):
-    """Add the time of this move to the contact that each mesh was in, in parts of a grid step."""
+    """Add the time of this move, in grid steps, to the contact time of each mesh (DRIVE, BACK)."""
     time = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0) * (1.0 - load(w.lane, DONE, 0))
     none = 0.0
     for m in range(w.x.shape[1]):

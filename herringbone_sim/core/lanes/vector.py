@@ -1,16 +1,15 @@
-"""One number or sixteen side by side: the types that the kernel is written in.
+"""Numba types for one number or sixteen side by side (lanes), in which the kernel is written.
 
-Numba compiles ``a * b`` on sixteen to one instruction a register, on every machine: two of the
-widest registers, or more of narrower ones; so one product needn't wait for another. Lanes never
-mix: what a lane gives does not depend on its neighbours. Products that are added are fused by
-``fma`` and by nothing else. The arrays decide: ``(.., ..)`` hold one number an entry, and the
-kernel is compiled for a single orbit, ``(.., .., 16)`` one in each lane.
+Numba compiles ``a * b`` on sixteen numbers to one instruction for each vector register, two of the
+widest registers or more of narrower ones. Lanes never mix: the result in a lane does not depend on
+the other lanes. Products and sums are fused by ``fma`` and by nothing else. The kernel is compiled
+for the arrays that it is called with: ``(.., ..)`` for a single orbit, ``(.., .., 16)`` for lanes.
 
-Within compiled code: ``load(a, i, j)`` takes the lanes of an entry of a C-ordered float64 array,
-``store(a, i, j, x)`` puts them back, ``take(a, i)`` and ``give(a, i, x)`` are the same for arrays
-``(..,)`` and ``(.., 16)``, ``get`` and ``put`` do so in one lane, a number by itself stands in all
-lanes, ``+ - * /`` and the comparisons work lane by lane, ``choose(mask, x, y)``
-selects, ``bits`` gives a mask as an integer.
+Within compiled code: ``load(a, i, j)`` reads the lanes of an entry of a C-ordered float64 array,
+``store(a, i, j, x)`` writes them, ``take(a, i)`` and ``give(a, i, x)`` are the same for arrays
+``(..,)`` and ``(.., 16)``, ``get`` and ``put`` access one lane. A single number acts as sixteen
+equal numbers; ``+ - * /`` and comparisons work lane by lane, ``choose(mask, x, y)`` selects,
+``bits`` converts a mask to an integer.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen float64; one number becomes sixteen alike."""
+    """Numba type of sixteen float64; a single number converts to sixteen equal ones."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Lanes({LANES})")
@@ -44,7 +43,7 @@ class Lanes(types.Type):  # type: ignore[misc]
 
 
 class Mask(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen truth values; one becomes sixteen alike."""
+    """Numba type of sixteen truth values; a single one converts to sixteen equal ones."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask({LANES})")
@@ -72,7 +71,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _everywhere(builder: Any, kind: Any, value: Any) -> Any:
-    """One value in all lanes."""
+    """Return the LLVM value with one value in all lanes."""
     none = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(none, value, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -90,7 +89,7 @@ def _truth_everywhere(context: Any, builder: Any, kind: Any, _: Any, value: Any)
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> Any:
-    """Pointer to the number of an entry, or to its lanes if the array has one axis more."""
+    """Return a pointer to an entry, or to its lanes if the array has one axis more."""
     struct = make_array(kind)(context, builder, array)
     if kind.ndim == len(place):
         return cgutils.get_item_pointer(context, builder, kind, struct, list(place))
@@ -101,7 +100,7 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> 
 
 @intrinsic
 def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
-    """Lanes ``array[i, j, :]``, or the number ``array[i, j]``."""
+    """Return the lanes ``array[i, j, :]``, or the number ``array[i, j]`` of a 2-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, array, *args), align=8)
@@ -112,7 +111,7 @@ def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
-    """Put lanes into ``array[i, j, :]``, or a number into ``array[i, j]``."""
+    """Write lanes into ``array[i, j, :]``, or a number into ``array[i, j]`` of a 2-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[3], _pointer(context, builder, array, *args[:3]), align=8)
@@ -124,7 +123,7 @@ def store(typing: Any, array: Any, i: Any, j: Any, value: Any) -> Any:
 
 @intrinsic
 def take(typing: Any, array: Any, i: Any) -> Any:
-    """Lanes ``array[i, :]``, or the number ``array[i]``."""
+    """Return the lanes ``array[i, :]``, or the number ``array[i]`` of a 1-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, array, *args), align=8)
@@ -134,7 +133,7 @@ def take(typing: Any, array: Any, i: Any) -> Any:
 
 @intrinsic
 def give(typing: Any, array: Any, i: Any, value: Any) -> Any:
-    """Put lanes into ``array[i, :]``, or a number into ``array[i]``."""
+    """Write lanes into ``array[i, :]``, or a number into ``array[i]`` of a 1-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[2], _pointer(context, builder, array, *args[:2]), align=8)
@@ -151,7 +150,7 @@ def _element(context: Any, builder: Any, kind: Any, array: Any, *place: Any) -> 
 
 @intrinsic
 def get(typing: Any, array: Any, i: Any, j: Any, lane: Any) -> Any:
-    """Number of one lane."""
+    """Return the number ``array[i, j, lane]``, or ``array[i, j]`` of a 2-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_element(context, builder, array, *args))
@@ -161,7 +160,7 @@ def get(typing: Any, array: Any, i: Any, j: Any, lane: Any) -> Any:
 
 @intrinsic
 def put(typing: Any, array: Any, i: Any, j: Any, lane: Any, value: Any) -> Any:
-    """Put a number into one lane."""
+    """Write a number into ``array[i, j, lane]``, or into ``array[i, j]`` of a 2-d array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.store(args[4], _element(context, builder, array, *args[:4]))
@@ -172,7 +171,7 @@ def put(typing: Any, array: Any, i: Any, j: Any, lane: Any, value: Any) -> Any:
 
 @intrinsic
 def n_lanes(typing: Any, array: Any) -> Any:
-    """How many lanes an array has."""
+    """Return the number of lanes of an array: 16 of a 3-d array, else 1."""
     n = LANES if array.ndim == 3 else 1
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -182,12 +181,12 @@ def n_lanes(typing: Any, array: Any) -> Any:
 
 
 def _all_of(operands: tuple[Any, ...]) -> Any:
-    """Type of what comes of numbers or lanes."""
+    """Return the type of a result: lanes if any operand is lanes, else a number."""
     return lanes if lanes in operands else types.float64
 
 
 def _function(name: str, operands: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Signature and code of a function that LLVM knows by name."""
+    """Return signature and code generator of an LLVM intrinsic for numbers or lanes."""
     kind = _all_of(operands)
     double, of = (_DOUBLES, f"v{LANES}f64") if kind is lanes else (ir.DoubleType(), "f64")
 
@@ -201,37 +200,37 @@ def _function(name: str, operands: tuple[Any, ...]) -> tuple[Any, Any]:
 
 @intrinsic
 def fma(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a * b + c, rounded once."""
+    """Return a * b + c, rounded once."""
     return _function("fma", (a, b, c))
 
 
 @intrinsic
 def absolute(typing: Any, a: Any) -> Any:
-    """Magnitudes."""
+    """Return the absolute values."""
     return _function("fabs", (a,))
 
 
 @intrinsic
 def root(typing: Any, a: Any) -> Any:
-    """Square roots."""
+    """Return the square roots."""
     return _function("sqrt", (a,))
 
 
 @intrinsic
 def power(typing: Any, a: Any, b: Any) -> Any:
-    """a to the power of b; each lane takes its time."""
+    """Return a to the power of b; lanes are computed one after another."""
     return _function("pow", (a, b))
 
 
 @intrinsic
 def nearest(typing: Any, a: Any) -> Any:
-    """Nearest whole numbers."""
+    """Return the nearest whole numbers, of two equally near the even one."""
     return _function("rint", (a,))
 
 
 @intrinsic
 def choose(typing: Any, where: Any, a: Any, b: Any) -> Any:
-    """A where the mask holds, else b."""
+    """Return a in the lanes where the mask holds, b in the others."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.select(*args)
@@ -242,7 +241,7 @@ def choose(typing: Any, where: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def without(typing: Any, where: Any) -> Any:
-    """The lanes where the mask does not hold."""
+    """Return the negation of a mask."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.not_(args[0])
@@ -252,7 +251,7 @@ def without(typing: Any, where: Any) -> Any:
 
 @intrinsic
 def bits(typing: Any, where: Any) -> Any:
-    """The mask as an integer, lane 0 in its lowest bit."""
+    """Return a mask as an integer, lane 0 in its lowest bit."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         whole = args[0] if where is not mask else builder.bitcast(args[0], ir.IntType(LANES))

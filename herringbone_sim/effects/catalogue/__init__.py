@@ -1,3 +1,1 @@
-"""The effects of the catalogue, one file each: a module here with ``EFFECT`` is found by
-itself.
-"""
+"""Effects of the catalogue: ``effects.registry`` collects ``EFFECT`` of every module here."""

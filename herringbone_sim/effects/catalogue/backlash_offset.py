@@ -1,6 +1,6 @@
-"""Backlash offset: half-backlash b' of some meshes not nominal, b' + offset (wear, thickness).
+"""Backlash offset: half-backlash b' + offset of some meshes (wear, tooth thickness).
 
-Source: Eq. (3) with another b. Positive is more play.
+A positive offset gives more play. Source: Eq. (3) with another b.
 """
 
 from __future__ import annotations

@@ -7,12 +7,12 @@ The pin sits w ahead of its place in the carrier, whose coordinate is y = r_bc t
     (M_c - sum m) y'' = cos beta sum F over all other meshes + sum H - T_2 / r_bc + control.
 
 g is the backlash function whose half-width is the clearance, its corners sharp, or rounded by
-ln(1 + e^z) over softness times the clearance. What gives way is taken off the meshes,
-d = -w cos beta, and the carrier of Eq. (14), which takes P as if pins were rigid, is put right by
--m w''. I_ce holds m_p once a planet: m = m_p for a pin with both halves, m_p / 2 for a half that
-is free alone. Loads of other effects on the carrier reach pins as if rigid. Without clearance the
-pin is rigid. Source:
-dead-zone supports as in Guo and Parker (J. Sound Vib. 331, 2012), in Eqs. (13), (14).
+ln(1 + e^z) over softness times the clearance. The meshes of the pin get the displacement
+d = -w cos beta. Eq. (14) of the carrier holds for rigid pins, on which P acts; it is corrected by
+-m w''. I_ce contains m_p once per planet: m = m_p for a pin with both halves, m_p / 2 if one half
+alone is free. Torques of other effects on the carrier act as if pins were rigid. Without clearance
+the pin is rigid. Source: dead-zone supports as in Guo and Parker (J. Sound Vib. 331, 2012), in
+Eqs. (13), (14).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ MASK, PIN, MASS, COS_BETA, SHARE, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows (10, n_mesh) for the law.
+    """Return ``site``, rows (10, n_mesh).
 
-    Mask of both meshes of a half; index of its pin; mass of the pin [kg], entered at its first
-    half; cos beta; planets that a mesh stands for; M_c [kg]; T_2 / r_bc over T_1 [1/m]; force on
-    the carrier over K [N]; order and phase [rad] of the control.
+    1 on both meshes of a free half; index of its pin; mass of the pin [kg] at the index of the
+    pin, else 0; cos beta; number of planets that a mesh represents; M_c [kg]; T_2 / r_bc over T_1
+    [1/m]; force on the carrier for K = 1 [N]; order and phase [rad] of the control.
     """
     p, s = model.parameters, model.scales
     halves = mask.size // 2
@@ -52,15 +52,13 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def rise(z):
-    """Smoothed max(z, 0): ln(1 + e^z), computed without overflow."""
+    """Return ln(1 + e^z), a smooth max(z, 0), computed without overflow."""
     return max(z, 0.0) + np.log1p(np.exp(-abs(z)))
 
 
 @law
 def hold(theta, mass, w, rate):
-    """Force [N] of the seat on a pin of some mass [kg] at displacement w [m] and its rate
-    [m/s].
-    """
+    """Return the seat force H [N] for a pin of a mass [kg] at displacement w [m] and its rate."""
     width = theta[SOFTNESS] * theta[CLEARANCE]
     b = theta[CLEARANCE]
     g = play(w, b)
@@ -72,7 +70,7 @@ def hold(theta, mass, w, rate):
 
 @law
 def carrier_acceleration(theta, site, now, own, force):
-    """Acceleration [m/s^2] of the carrier without its free pins, Eq. (14)."""
+    """Return the acceleration y'' [m/s^2] of the carrier without its free pins, Eq. (14)."""
     angle = site[ORDER, 0] * now[PHASE] + site[ANGLE, 0]
     load = site[DRIVE, 0] * now[CONTROL] * np.cos(angle) - site[BRAKE, 0] * now[TORQUE]
     left = site[CARRIER, 0]
@@ -89,7 +87,7 @@ def carrier_acceleration(theta, site, now, own, force):
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Displacement d = -w cos beta on all meshes of a free pin, and its rate."""
+    """Add the displacement d = -w cos beta and its rate on all meshes of a free pin."""
     if theta[CLEARANCE] > 0.0:
         for m in range(law.shape[1]):
             if site[MASK, m] != 0.0:
@@ -100,9 +98,7 @@ def excite(theta, site, gear, now, own, law):
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Replace the mesh forces of free pins on the carrier by the seat forces, minus m w'' of each
-    pin.
-    """
+    """Correct the torque on the carrier by -m w'' = H + m y'' - P of each free pin."""
     if theta[CLEARANCE] > 0.0:
         y = carrier_acceleration(theta, site, now, own, force)
         for m in range(force.size):
@@ -117,7 +113,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 
 @law
 def drive(theta, site, gear, now, own, force, slope):
-    """Equation of motion of each free pin relative to the carrier."""
+    """Write w' and w'' of each free pin, whose states are 2 pin and 2 pin + 1."""
     half = force.size // 2
     slope[:] = 0.0
     if theta[CLEARANCE] > 0.0:
@@ -136,7 +132,7 @@ def drive(theta, site, gear, now, own, force, slope):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add the pins as further coordinates, with their seat forces on the carrier."""
+    """Add w of each free pin as a coordinate, with the correction of the carrier."""
     if theta[CLEARANCE] <= 0.0:
         return
     model = slots.model

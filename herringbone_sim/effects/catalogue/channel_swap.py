@@ -17,7 +17,7 @@ from herringbone_sim.errors import ParameterError, listed
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Swap two channels; ParameterError unless there are two."""
+    """Return the series with two channels swapped; ParameterError unless there are two."""
     if len(channels) != 2:
         raise ParameterError(f"channel_swap takes two channels, got {listed(channels)}: name both")
     one, other = channels

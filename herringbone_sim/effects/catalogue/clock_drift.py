@@ -1,7 +1,7 @@
 """Clock drift: the recorded time runs at another rate, t (1 + ppm 1e-6); a slow clock is negative.
 
-Where channels are named, they have a recorder of their own: they show y(t (1 + ppm 1e-6)) and the
-time stays, so that a positive number is what was later.
+Channels that are named come from a second recorder: they show y(t (1 + ppm 1e-6)) at unchanged
+times t, later values for a positive ppm, which here means that the clock of that recorder is slow.
 Source: by definition; the motion does not change.
 """
 
@@ -18,7 +18,7 @@ from herringbone_sim.effects.effect import Effect, Option, Parameter
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Replace the times by those of the drifting clock; of some channels, what they show."""
+    """Return the series with drifting times, or with drifting values of the named channels."""
     if channels:
         at = series.times * (1.0 + 1e-6 * theta[0])
         return replaced(series, {n: between(series.times, series[n], at) for n in channels})

@@ -1,7 +1,7 @@
 """Contact nonlinearity: stiffness grows with load, F = k f (|f| / f_0)^(exponent - 1) + c v.
 
 f_0 = 10 micrometres. Source: Hertz, F ~ f^exponent with 10/9 for line and 3/2 for point contact,
-in the place of the linear k_h of Eq. (5).
+instead of the linear k_h of Eq. (5).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PLAY, STIFFNESS, law, play
 from herringbone_sim.effects.slots import Slots
 
-F_0 = 1e-5
+F_0 = 1e-5  # m
 
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Change the spring force to another power of f."""
+    """Change the spring force k f to k f (|f| / f_0)^(exponent - 1)."""
     for m in range(force.size):
         f = play(x[m], law[PLAY, m])
         if site[0, m] != 0.0 and f != 0.0:
@@ -29,7 +29,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Change the spring force to another power of f."""
+    """Change the spring force k f to k f (|f| / f_0)^(exponent - 1)."""
     slots.bend_spring(mask, theta[0], F_0)
 
 

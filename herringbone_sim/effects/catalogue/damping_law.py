@@ -1,7 +1,7 @@
-"""Damping law: c v replaced in part, c v [1 - share + share s], with s = (|f| / depth)^power.
+"""Damping law: c v becomes c v [1 - share + share s], with s = (|f| / depth)^power.
 
-Power 0 is damping in contact only (s = 1 there, 0 out of it), power 1 damping in proportion to
-the spring's load (Hunt and Crossley 1975). Source: Eq. (12) with another c.
+Power 0 is damping in contact only (s = 1 in contact, 0 out of it), power 1 damping in proportion
+to the spring's load (Hunt and Crossley 1975). Source: Eq. (12) with another c.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Scale a share of c v by s."""
+    """Multiply c v by 1 - share + share s."""
     for m in range(force.size):
         if site[0, m] != 0.0:
             f = abs(play(x[m], law[PLAY, m]))
@@ -27,7 +27,7 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Scale a share of c v by s."""
+    """Multiply c v by 1 - share + share s."""
     slots.bend_damping(mask, *theta)
 
 

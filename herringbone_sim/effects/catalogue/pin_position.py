@@ -1,7 +1,7 @@
 """Pin position: one planet's pin is displaced, e + offset on its sun and its ring meshes.
 
-Source: a pin that lies w ahead along the carrier's motion takes w cos beta off the deflection of
-all four meshes in Eqs. (15) and (16), as a mean error e of Eq. (9) does.
+Source: a pin that lies w ahead in the direction of the carrier's motion reduces the deflection of
+all four meshes in Eqs. (15) and (16) by w cos beta, as a mean error e of Eq. (9) does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add a constant to e."""
+    """Add the offset to e, that is -offset to d."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             law[SHIFT, m] -= theta[0]
@@ -25,7 +25,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add a constant to e."""
+    """Add the offset to e, that is -offset to d."""
     slots.displacement = slots.displacement - theta[0] * mask
 
 

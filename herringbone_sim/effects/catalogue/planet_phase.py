@@ -1,7 +1,7 @@
 """Planet phase: the mesh phase of one planet is advanced, k(phase + angle), e(phase + angle).
 
-Source: the phase of Eqs. (7), (9); order j shifts by j times the angle. Recorded x contains the
-nominal e(t), so the difference of e appears as a displacement.
+Source: the phase of Eqs. (7), (9); harmonic j shifts by j times the angle. Recorded x contains the
+nominal e(t), so the change of e appears as a displacement d.
 """
 
 from __future__ import annotations

@@ -19,16 +19,13 @@ ORDER = 1
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, order (2, n_mesh)."""
+    """Return ``site``, rows (2, n_mesh): mask, order."""
     return np.stack([mask, np.full(mask.shape, float(options["order"]))])
 
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Take one harmonic of e off the displacement d [m] in ``law``, and its rate off d' [m/s].
-
-    ``theta``: cosine and sine amplitude of e [m]; the arguments are those of ``effects.law``.
-    """
+    """Add one harmonic to e: subtract it from the displacement d, and its rate from d'."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]
@@ -41,7 +38,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add one harmonic to e."""
+    """Add one harmonic to e: subtract it from the displacement d."""
     slots.add_displacement(float(options["order"]), -theta[0] * mask, -theta[1] * mask)
 
 

@@ -1,8 +1,8 @@
-"""Ring flexibility: each half of the ring turns on a spring.
+"""Ring flexibility: each half of the ring rotates on a spring; rigid at infinite stiffness.
 
-M_r u'' = cos beta sum F_rp - k u - c u', with M_r = I_r / r_br^2 and c = 2 damping sqrt(k M_r); u
-displaces the ring meshes of its side by d = -u cos beta. Source: Eq. (13) for a ring that is not
-fixed, as in lumped models of planetary gears (Lin and Parker 1999).
+M_r u'' = cos beta sum F_rp - k u - c u', with M_r = I_r / r_br^2 and c = 2 damping sqrt(k M_r);
+the ring meshes of that side get the displacement d = -u cos beta. Source: Eq. (13) for a ring that
+is not fixed, as in lumped models of planetary gears (Lin and Parker 1999).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MASS, COS_BETA, SHARE = range(1, 4)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, mass M_r [kg], cos beta, planets that a mesh stands for (4, n_mesh)."""
+    """Return ``site``, rows (4, n_mesh): mask, M_r [kg], cos beta, planets a mesh represents."""
     one = np.ones(mask.shape)
     s = model.scales
     return np.stack([mask, s.M_r * one, s.cos_beta * one, model.packed.multiplicity * one])
@@ -27,7 +27,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add d = -u cos beta of each side, and its rate."""
+    """Add the displacement d = -u cos beta and its rate on the ring meshes of each side."""
     half = law.shape[1] // 2
     if not np.isinf(theta[0]):
         for m in range(half, law.shape[1]):
@@ -39,7 +39,7 @@ def excite(theta, site, gear, now, own, law):
 
 @law
 def drive(theta, site, gear, now, own, force, slope):
-    """Equation of motion of each ring half."""
+    """Write u' and u'' of the left and the right half of the ring."""
     half = force.size // 2
     slope[:] = 0.0
     if not np.isinf(theta[0]):
@@ -57,7 +57,7 @@ def drive(theta, site, gear, now, own, force, slope):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add the ring halves as further coordinates."""
+    """Add u of each ring half with a mesh in the mask as a coordinate."""
     if np.isinf(theta[0]):
         return
     model = slots.model

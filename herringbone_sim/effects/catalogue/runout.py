@@ -1,9 +1,10 @@
-"""Run-out: e + amplitude sin(order 2 pi (cycles - late) / Z + phase), by the turn of a member.
+"""Run-out: e + amplitude sin(order 2 pi (cycles - late) / Z + phase), by rotation of a member.
 
-Order 1 is eccentricity, higher ones are further long waves of its pitch error. Z are the mesh
-cycles of a revolution relative to the carrier (27, 25, 77 for sun, planet, ring of the nominal
-rig); ``late`` is when the same place of the member reaches the mesh of each planet. Source: one
-more harmonic of e(t), Eq. (9), which Eqs. (15), (16) subtract from the deflection.
+Order 1 is eccentricity, higher orders are further long waves of its pitch error. Z is the number
+of mesh cycles per revolution relative to the carrier (27, 25, 77 for sun, planet, ring of the
+nominal rig); ``late`` is the delay in mesh cycles with which a tooth of the member reaches each
+mesh. Source: one more harmonic of e(t), Eq. (9), which Eqs. (15), (16) subtract from the
+deflection.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows (3, n_mesh): mask, mesh cycles of a wave, delay in mesh cycles."""
+    """Return ``site``, rows (3, n_mesh): mask, mesh cycles per wave, delay in mesh cycles."""
     rows = revolutions(model, mask, options)
     rows[1] /= options["order"]
     return rows
@@ -28,7 +29,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add a wave to e and its rate."""
+    """Add the wave to e: subtract it from the displacement d, and its rate from d'."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = (now[PHASE] - TWO_PI * site[2, m]) / site[1, m] + theta[1]
@@ -39,7 +40,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add one harmonic to e."""
+    """Add the wave to e: subtract it from the displacement d."""
     _, cycles, late = place(slots.model, mask, options)
     order = 1.0 / float(cycles[0])
     angle = theta[1] - 2.0 * np.pi * late * order

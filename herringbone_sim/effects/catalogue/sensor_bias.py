@@ -17,7 +17,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Add the bias to the channels."""
+    """Return the series with the bias added to the channels."""
     return replaced(series, {name: series[name] + theta[0] for name in channels})
 
 

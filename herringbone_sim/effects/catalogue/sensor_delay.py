@@ -1,6 +1,6 @@
 """Sensor delay: a channel shows y(t - delay).
 
-Interpolated between samples by Akima's cubic; before the first sample the first value is used.
+Interpolated between samples by Akima's cubic; constant before the first and after the last sample.
 Source: by definition; the motion does not change.
 """
 
@@ -18,7 +18,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Delay the channels."""
+    """Return the series with the channels delayed by theta[0] seconds."""
     at = series.times - theta[0]
     return replaced(series, {name: between(series.times, series[name], at) for name in channels})
 

@@ -1,4 +1,4 @@
-"""Sensor gain: a channel shows gain y.
+"""Sensor gain: a channel shows gain times y.
 
 Source: definition of a calibration error; the motion does not change.
 """
@@ -17,7 +17,7 @@ from herringbone_sim.effects.site import ANYWHERE
 def distort(
     theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
 ) -> TimeSeries:
-    """Multiply the channels by the gain."""
+    """Return the series with the channels multiplied by the gain."""
     return replaced(series, {name: theta[0] * series[name] for name in channels})
 
 

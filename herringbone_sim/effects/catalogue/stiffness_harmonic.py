@@ -18,13 +18,13 @@ ORDER = 1
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows mask, order (2, n_mesh)."""
+    """Return ``site``, rows (2, n_mesh): mask, order."""
     return np.stack([mask, np.full(mask.shape, float(options["order"]))])
 
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add the harmonic to k."""
+    """Add the harmonic to k, relative to the mean of the gear without effects."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]
@@ -35,7 +35,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add the harmonic to k, its amplitude relative to the gear's own mean."""
+    """Add the harmonic to k, with amplitudes relative to the mean of the gear without effects."""
     k_m = mean_stiffness(slots.model.parameters) * mask
     slots.add_stiffness(float(options["order"]), theta[0] * k_m, theta[1] * k_m)
 

@@ -1,6 +1,6 @@
 """Thermal backlash: b' changes with temperature at another rate, b' + rate T.
 
-T = delta_T [1 + curvature (delta_T / 50 K - 1)], so that the rate is that at 50 K. A positive rate
+T = delta_T [1 + curvature (delta_T / 50 K - 1)], which is delta_T at 50 K. A positive rate
 gives more backlash. Source: Eqs. (2), (3) with another expansion coefficient.
 """
 

@@ -1,7 +1,7 @@
 """Thermal stiffness: k decreases with temperature, k [1 - rate T].
 
-T = delta_T [1 + curvature (delta_T / 50 K - 1)], so that the rate is that at 50 K. Source: the
-temperature coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
+T = delta_T [1 + curvature (delta_T / 50 K - 1)], which is delta_T at 50 K. Source: the temperature
+coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Tooth crack: k drops while one tooth is in mesh, k -= depth w(s) k.
+"""Tooth crack: k drops while one tooth is in mesh, k (1 - depth w(s)).
 
 w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
-member relative to the carrier: every 27, 25 or 77 mesh cycles of the nominal rig. Source: the
-usual reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one tooth lowered.
+member relative to the carrier: every 27, 25 or 77 mesh cycles for sun, planet, ring of the nominal
+rig. Source: the usual reduction of mesh stiffness by a crack, see Eq. (5) with k_b and k_s of one
+tooth lowered.
 """
 
 from __future__ import annotations

@@ -26,8 +26,10 @@ TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, SHARE = range(1, 7)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows (7, n_mesh): mask, tan alpha_t, p_b over the base radius of driver and of driven, lever
-    arm on the carrier, cos beta, planets that a mesh stands for.
+    """Return ``site``, rows (7, n_mesh).
+
+    Mask; tan alpha_t; p_b over the base radius of the driving and of the driven gear; lever arm on
+    the carrier; cos beta; number of planets that a mesh represents.
     """
     p, s = model.parameters, model.scales
     ring = is_ring(model.layout)
@@ -49,7 +51,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def react(theta, site, gear, now, own, x, v, law, force, torque):
-    """Add the friction torques; the normal force does not change."""
+    """Add the friction torques of each mesh to its bodies; the normal force does not change."""
     turn = now[PHASE] / TWO_PI
     s = turn - np.floor(turn + 0.5)
     half = force.size // 2
@@ -70,11 +72,11 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def friction_arms(
     model: Model, mask: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Friction torques over base radius (n_mesh, n_bodies) per |F| of each mesh, for mu = 1.
+    """Return friction torques over base radius (n_mesh, n_bodies) per |F| of each mesh at mu = 1.
 
     Returns:
-        constant: the part that changes sign at the pitch point.
-        lever: the part that is multiplied by s sign(s), s in mesh cycles.
+        constant: the part that is multiplied by sign(s), s in mesh cycles from the pitch point.
+        lever: the part that is multiplied by |s|.
     """
     rows = place(model, mask, {})
     half, planets = mask.size // 2, mask.size // 4

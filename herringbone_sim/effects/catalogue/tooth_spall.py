@@ -28,7 +28,7 @@ from herringbone_sim.effects.slots import Slots
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add the event to e while the tooth is in mesh, and its rate."""
+    """Add the event to e: subtract it from the displacement d, and its rate from d'."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             s = cycles_from_event(now, site[1, m], site[2, m], theta[1])
@@ -40,7 +40,7 @@ def excite(theta, site, gear, now, own, law):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add the event to e while the tooth is in mesh."""
+    """Add the event to e: subtract it from the displacement d."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)
     slots.add_event(cycles, late + theta[1], theta[2], none, -theta[0] * mask)

@@ -1,8 +1,8 @@
 """Torque ripple: the input torque is T_1 [1 + amplitude cos(order angle + phase)].
 
-The angle is that of the input shaft to ground: a turn takes z_s z_r / (z_s + z_r) mesh cycles,
-19.99 with the teeth of the nominal rig. Half of the torque acts on each side of the sun. Source:
-T_1 of Eq. (12), not constant.
+The angle is that of the input shaft to ground: a revolution takes z_s z_r / (z_s + z_r) mesh
+cycles, 19.99 for the nominal rig. Half of the torque acts on each side of the sun. Source: T_1 of
+Eq. (12), not constant.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ ORDER, TURN, RADIUS = range(1, 4)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Rows (4, n_mesh): mask, order, mesh cycles per turn of the input shaft, base radius of the
-    sun.
+    """Return ``site``, rows (4, n_mesh).
+
+    Mask; order; mesh cycles per revolution of the input shaft; base radius of the sun [m].
     """
     p = model.parameters
     one = np.ones(mask.shape)

@@ -1,1 +1,1 @@
-"""Gears by the laws of their effects, sixteen values side by side."""
+"""Integration of sixteen gears side by side by the compiled laws of their effects."""

@@ -1,4 +1,4 @@
-"""A batch of gears by their laws: through the lanes, and what comes of it as arrays."""
+"""Integrate a batch of gears by the laws of their effects in lanes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from herringbone_sim.effects.law_stepper import LawStepper
 
 
 class LaneStepper(LawStepper):
-    """Of a gear whose own laws are written for lanes: one orbit, or a batch by ``run_batch``."""
+    """``LawStepper`` for laws written for lanes: ``core.batch`` calls its ``run_batch``."""
 
     run_batch = staticmethod(lambda *args: run_batch(*args))
 
 
 class Found(NamedTuple):
-    """What comes of n values; s numbers of a state."""
+    """Results of n gears; s = size of a state, times in tau."""
 
-    sections: Array  # (n, points, s) states at phase 0 of the last cycles
-    end: Array  # (n, s)
-    growth: Array  # (n, cycles, tangents) logarithms of the growth in each cycle
-    contact: Array  # (n, n_mesh, 3) time in back contact, separated, in drive contact
-    failed: NDArray[np.bool_]  # (n,)
+    sections: Array  # (n, points, s) states at phase 0 of the last cycles, NaN if not reached
+    end: Array  # (n, s) last state
+    growth: Array  # (n, cycles, tangents) logarithms of the tangents' growth in each cycle
+    contact: Array  # (n, n_mesh, 3) observed time in back contact, separated, drive contact
+    failed: NDArray[np.bool_]  # (n,) whether the motion diverged
 
 
 def run_batch(
@@ -39,13 +39,14 @@ def run_batch(
     length: tuple[int, int, int],
     tangents: int,
 ) -> Found:
-    """Run n gears of one layout with the same effects, sixteen at a time.
+    """Integrate n gears of one layout with the same effects, sixteen at a time.
 
     Args:
-        starts: (n, s) states at phase 0.
-        before: (n,) mesh cycles that each has run earlier.
-        length: mesh cycles left out, those observed, and section points kept.
-        tangents: 0 or 1.
+        models: the n gears; values of their parameters and effects may differ.
+        starts: (n, s) dimensionless states at phase 0.
+        before: (n,) number of the mesh cycle in which each starts.
+        length: number of mesh cycles left out, then observed, and of section points returned.
+        tangents: number of tangent vectors, 0 or 1.
     """
     machines = [LawStepper(model) for model in models]
     transient, cycles, points = length

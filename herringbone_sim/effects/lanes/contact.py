@@ -1,4 +1,4 @@
-"""Contact of sixteen lanes: found where a piece begins, and changed where a step has ended so."""
+"""Contact states in sixteen lanes: their value where a piece begins, and their switches."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from herringbone_sim.effects.lanes.step import begin_phase, hold_of, margins
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.located import JUMP
 
-SPARE = 4  # row of ``gap`` and ``pace``
+SPARE = 4  # work row of ``gap`` and ``pace``, behind those of ``crossing``
 
 
 @called
 def find_contact(m):
-    """Contact of all meshes from their deflections, in lanes that begin a piece."""
+    """Set the contact states of all meshes by their deflections in lanes that begin a piece."""
     w, anew = m.w, take(m.r.lane, STALE) == 2.0
     slope(m, m.r.y[0], m.r.along[5], False)
     for j in range(w.x.shape[0]):
@@ -29,7 +29,7 @@ def find_contact(m):
 
 @called
 def refresh(m):
-    """Stage 0 of lanes where it is stale, and margins there in ``SPARE``."""
+    """Compute slope and ``hold`` of stage 0 in stale lanes, and margins in row ``SPARE``."""
     r, stale = m.r, take(m.r.lane, STALE) > 0.0
     slope(m, r.y[0], r.along[5], False)
     for k in range(r.z.shape[0]):
@@ -41,7 +41,7 @@ def refresh(m):
 
 @inlined
 def leaving(r, n, lane):
-    """Index of the first mesh of a lane that must switch contact, or -1.
+    """Return the index of the first mesh of a lane that must switch contact, or -1.
 
     A mesh must switch if its margin to the edge of the backlash, in row ``SPARE``, is used up and
     still falls, or is beyond rounding below 0.
@@ -60,7 +60,7 @@ def leaving(r, n, lane):
 
 @called
 def switch(m):
-    """Switch the first mesh that is to, in every stale lane; returns whether any has."""
+    """Switch the first mesh that must, in every stale lane; returns whether any lane did."""
     r, w, any_has = m.r, m.w, False
     for lane in range(LANES):
         r.place[SWITCHED, lane] = -1
@@ -79,7 +79,11 @@ def switch(m):
 
 @called
 def see_jumps(m):
-    """Find lanes whose slope has jumped from ``direction``, and bring back their contact."""
+    """Mark lanes whose slope jumped from ``direction`` at a switch; returns whether any did.
+
+    There the contact state before the switch is restored, and ``lane[JUMPS]`` holds the state
+    after it, with 2 for separated; it is 0 in lanes without a jump.
+    """
     r, w, any_has = m.r, m.w, False
     for lane in range(LANES):
         j, largest = r.place[SWITCHED, lane], 0.0
@@ -98,7 +102,10 @@ def see_jumps(m):
 
 @called
 def jump(m):
-    """Tangents of lanes whose slope has jumped from ``direction`` (saltation)."""
+    """Apply the saltation matrix to the tangent of lanes whose slope jumped at a switch.
+
+    ``r.direction`` is the slope before the switch.
+    """
     r, w = m.r, m.w
     if not see_jumps(m):
         return
@@ -130,7 +137,7 @@ def jump(m):
 
 @called
 def begin(m, anew):
-    """Make stage 0 of stale lanes ready, with every mesh in the contact that it goes to.
+    """Prepare stage 0 of stale lanes with the switches that are due, as ``located.begin``.
 
     ``anew``: whether any lane begins a piece.
     """

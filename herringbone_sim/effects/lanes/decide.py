@@ -1,4 +1,9 @@
-"""What comes of a step that was tried: taken, tried again, or looked into for a border."""
+"""Decide in each lane whether to accept a tried step, retry it, or locate an edge within it.
+
+A step is first tried whole (WHOLE). If a margin dips below zero between its ends, the part up to
+there is tried (DIP) and, if that passes no edge, the whole again (BACK). If it passes an edge, the
+edge is bracketed by further trials (BRACKET) and the upper end of the bracket tried last (FINAL).
+"""
 
 from __future__ import annotations
 
@@ -23,15 +28,12 @@ from herringbone_sim.effects.lanes.places import (
 )
 from herringbone_sim.effects.located import SHORTEST, TRIALS
 
-WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # what is tried, ``lane[MODE]``
+WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # ``lane[MODE]``; WAIT: no step is tried
 
 
 @inlined
 def plan(at, lane):
-    """Set the step that a lane tries next towards the end of its piece.
-
-    The rest of its piece is divided into equal steps, none longer than ``WANT``; ``TRIED`` is one
-    of them and ``MODE`` is ``WHOLE``.
+    """Set the step that a lane tries next: an equal part of the rest of its piece, <= ``WANT``.
 
     Args:
         at: (rows, lanes) ``LaneTrial.lane``, rows as in ``places``; lengths in units of tau.
@@ -43,7 +45,7 @@ def plan(at, lane):
 
 @called
 def narrow(at, lane, gap, pace):
-    """The next look for a border; returns whether the step just tried ends there."""
+    """Set the next trial in the search for an edge; returns True if the tried step ends at it."""
     low, high = at[LOW, lane], at[HIGH, lane]
     if at[COUNT, lane] < TRIALS:
         part, worst = guess(gap, pace, high - low)
@@ -60,7 +62,7 @@ def narrow(at, lane, gap, pace):
 
 @called
 def open_bracket(at, lane, gap, pace):
-    """Look for the border that the step just tried has passed; as ``narrow``."""
+    """Begin the search for the edge that the tried step has passed; returns as ``narrow``."""
     high = at[TRIED, lane]
     at[LOW, lane], at[HIGH, lane], at[LAST, lane], at[COUNT, lane] = 0.0, high, high, 0.0
     keep(gap, pace, START, AT_LOW)
@@ -70,7 +72,10 @@ def open_bracket(at, lane, gap, pace):
 
 @called
 def decide(at, lane, gap, pace):
-    """Whether a lane takes the step it tried; else what it tries next is set."""
+    """Return whether a lane accepts the step it tried; if not, set what it tries next.
+
+    ``gap`` and ``pace`` are the margins and rates of the lane, see ``crossing``.
+    """
     mode, tried, error = at[MODE, lane], at[TRIED, lane], at[ERROR, lane]
     if mode == WHOLE:
         if not error <= 1.0 and tried > SHORTEST:

@@ -1,7 +1,7 @@
-"""Sixteen values of a gear by its laws, laid out for the compiled code.
+"""Data of sixteen gears (lanes) that are integrated side by side by the laws of their effects.
 
-What a law reads that is not written for lanes is kept with the lane first, so that it sees each
-lane as an array of its own; all else has the lane last.
+The lane is the last axis of arrays, but the first one of those that laws not written for lanes
+read: such a law is called lane by lane and needs the entries of a lane in one contiguous array.
 """
 
 from __future__ import annotations
@@ -27,44 +27,44 @@ INV_PLANET = SI + 5
 
 
 class Own(NamedTuple):
-    """What each of some values, or of the lanes, has for itself; v values first."""
+    """Constants of v gears: of all gears in the queue, or of those in the lanes."""
 
     theta: tuple[Array, ...]  # (v, p) of each effect
     site: tuple[Array, ...]  # (v, rows, n)
     gear: Array  # (v, rows, n)
-    now: Array  # (v, 5)
-    windows: Array  # (v, w, 3)
-    flat: Array  # (v, all) constants that all code in lanes reads, in one row
+    now: Array  # (v, 5) as in ``effects.law``
+    windows: Array  # (v, w, 3) events, see ``core.packed.Packed``
+    flat: Array  # (v, all) entries of ``LaneGear.flat``; unused in the lanes
 
 
 class LaneGear(NamedTuple):
-    """Lanes of a gear; n meshes, b bodies, s numbers of a state, l LANES."""
+    """The gears in the lanes; n meshes, b bodies, s = size of a state, l = LANES."""
 
     e: Any  # ``gear.Kernel``
-    vector: tuple[Any, Any, Any]  # laws that are written for lanes, as those of ``e``
-    written: NDArray[np.bool_]  # (effects,) which these are
-    flat: Array  # (all, l); the next four are parts of it
+    vector: tuple[Any, Any, Any]  # excite, react, drive of each effect, for lanes
+    written: NDArray[np.bool_]  # (effects,) whether the laws of each are written for lanes
+    flat: Array  # (all, l) constants; theta, site, gear, now, one and unit are views of it
     theta: tuple[Array, ...]  # (p, l) of each effect
     site: tuple[Array, ...]  # (rows, n, l)
     gear: Array  # (rows, n, l)
-    one: Array  # (rows, l)
+    one: Array  # (rows, l) one number a gear, rows as above
     now: Array  # (5, l)
-    unit: Array  # (s, l)
-    own: Own  # of the lanes
+    unit: Array  # (s, l) as in ``dormand_prince.Gear``
+    own: Own  # constants for laws that are not written for lanes
     single: Single
     w: LaneScratch
     r: LaneTrial
     n_state: int
     reacts: bool
-    controlled: bool
-    singly: bool  # whether some law is not written for lanes
+    controlled: bool  # whether any gear has a control
+    singly: bool  # whether any law is not written for lanes
 
 
 class Single(NamedTuple):
-    """What a law that is not written for lanes reads and edits, lane first."""
+    """Work arrays, lane first, that laws not written for lanes read and change."""
 
-    own: Array  # (l, own states)
-    slope: Array  # (l, own states)
+    own: Array  # (l, states of effects)
+    slope: Array  # (l, states of effects)
     law: Array  # (l, 5, n)
     x: Array  # (l, n)
     v: Array  # (l, n)
@@ -73,7 +73,7 @@ class Single(NamedTuple):
 
 
 class LaneScratch(NamedTuple):
-    """As ``effects.gear.Scratch``, and the deflection without the effects' displacements."""
+    """Work arrays as ``effects.gear.Scratch``, and motion without the effects' displacements."""
 
     side: Array  # (n, l)
     law: Array  # (5, n, l)
@@ -83,24 +83,24 @@ class LaneScratch(NamedTuple):
     torque: Array  # (b, l)
     hold: Array  # (n, l)
     plain: Array  # (n, l) deflection with the nominal error [m]
-    rate: Array  # (n, l)
+    rate: Array  # (n, l) its rate [m/s]
 
 
 class LaneTrial(NamedTuple):
-    """As ``dormand_prince.Trial``, and where in its run each lane is."""
+    """Work arrays as ``dormand_prince.Trial``, and the progress of each lane."""
 
     place: NDArray[np.int64]  # (4, l) see ``places``
     y: Array  # (7, s, l)
     slope: Array  # (7, s, l)
     hold: Array  # (7, n, l)
-    gap: Array  # (5, 2 n, l), the last row to look at
+    gap: Array  # (5, 2 n, l), row ``contact.SPARE`` for work
     pace: Array  # (5, n, l)
     sign: Array  # (n, l)
     along: Array  # (7, s, l)
     direction: Array  # (s, l)
     was: Array  # (s, l)
     z: Array  # (s, l)
-    tangent: Array  # (k, s, l), one or none
+    tangent: Array  # (k, s, l), k is 0 or 1
     spent: Array  # (l, n, 3)
     lane: Array  # (rows, l) see ``places``
 
@@ -108,7 +108,10 @@ class LaneTrial(NamedTuple):
 def lane_gear(
     models: Sequence[Model], gears: Sequence[Gear], tangents: int
 ) -> tuple[LaneGear, Own]:
-    """Lanes for gears of one layout with the same effects, and what each has for itself."""
+    """Return lanes, still without values, for gears of one layout with the same effects.
+
+    Also returns the constants of each gear. ``gears``: ``LawStepper.gear`` of each model.
+    """
     every = _own_of(models, gears)
     mine = Own(*(_lanes_of(part) for part in every))
     flat = np.zeros((every.flat.shape[1], LANES))

@@ -1,7 +1,8 @@
-"""Runs of sixteen lanes: each takes a step of its own, and none waits for another.
+"""Integrate a queue of values in sixteen lanes, each with its step length and progress.
 
-A move tries one step in every lane. What comes of it is told lane by lane: it is taken, tried
-shorter for its error, or looked into for a border, as ``located.piece`` and ``located.cut`` do.
+A value is a gear with its start state. A move tries one step in every lane, which is accepted,
+tried shorter or searched for an edge lane by lane, as in ``located.piece`` and ``located.cut``.
+A lane whose value is finished loads the next value.
 """
 
 from __future__ import annotations
@@ -46,23 +47,23 @@ from herringbone_sim.effects.located import FIRST, INSIDE, RESIDUE, to_edge
 
 
 class Queue(NamedTuple):
-    """Values to run, and what comes of each; s numbers of a state, k tangents."""
+    """The v values to integrate, and their results as in ``batch.Found``; k tangents."""
 
-    table: Own
-    steps: NDArray[np.int64]  # (v,) of the grid, a mesh cycle
-    starts: Array  # (v, s)
-    frame: Array  # (k, s) first tangents
-    before: NDArray[np.int64]  # (v,) mesh cycles run earlier
+    table: Own  # constants of each gear
+    steps: NDArray[np.int64]  # (v,) grid steps per mesh cycle
+    starts: Array  # (v, s) start states
+    frame: Array  # (k, s) tangents at the start
+    before: NDArray[np.int64]  # (v,) mesh cycle in which each starts
     sections: Array  # (v, points, s)
     end: Array  # (v, s)
-    growth: Array  # (v, cycles, k) logarithms of the tangents' growth
-    contact: Array  # (v, n, 3) time
+    growth: Array  # (v, cycles, k)
+    contact: Array  # (v, n, 3)
     failed: NDArray[np.bool_]  # (v,)
 
 
 @called
 def begin_piece(m, lane):
-    """A length of the motion of a lane within which no edge is known."""
+    """Begin a piece in a lane: up to the next edge known in advance or the end of a grid step."""
     at, Omega = m.r.lane, m.one[OMEGA, lane]
     phase, left = at[PIECE, lane], at[GRID_LEFT, lane]
     reach = to_edge(m.own.windows[lane], Omega, at[CYCLE, lane], phase)
@@ -77,7 +78,7 @@ def begin_piece(m, lane):
 
 @called
 def begin_grid(m, lane, steps):
-    """A step of the grid of a lane."""
+    """Begin a step of the phase grid in a lane; ``steps``: grid steps per mesh cycle."""
     at = m.r.lane
     at[PIECE, lane] = TWO_PI * m.r.place[INDEX, lane] / steps
     at[GRID_LEFT, lane] = TWO_PI / (m.one[OMEGA, lane] * steps)
@@ -86,7 +87,7 @@ def begin_grid(m, lane, steps):
 
 @called
 def next_piece(m, queue, lane, length):
-    """What follows on a piece that is done; returns whether the value is, too."""
+    """Begin the next piece of a lane; returns True instead if its value is finished."""
     at, place = m.r.lane, m.r.place
     at[GRID_LEFT, lane] -= at[REACH, lane]
     if at[GRID_LEFT, lane] > RESIDUE:
@@ -106,7 +107,10 @@ def next_piece(m, queue, lane, length):
 
 @called
 def end_cycle(m, queue, lane, length):
-    """All that happens to a lane at phase 0; returns whether its value is done."""
+    """Store section and growth of a lane at phase 0; returns whether its value is finished.
+
+    It is if the motion diverged or all cycles are observed. ``length`` as for ``run_queue``.
+    """
     r, value = m.r, m.r.place[VALUE, lane]
     transient, cycles = length
     for k in range(m.n_state // 2):
@@ -130,7 +134,7 @@ def end_cycle(m, queue, lane, length):
 
 @inlined
 def begin_cycle(m, lane, cycle):
-    """What does not repeat in every mesh cycle."""
+    """Set mesh cycle and control argument of a lane for phase 0 of a cycle."""
     at, order = m.r.lane, m.one[CONTROL_ORDER, lane]
     at[CYCLE, lane] = cycle
     at[ANGLE, lane] = angle_of(order, 0.0, cycle) + m.one[CONTROL_PHASE, lane]
@@ -138,7 +142,7 @@ def begin_cycle(m, lane, cycle):
 
 @called
 def normalise(v):
-    """Scale a vector to length 1; the logarithm of what its length was."""
+    """Scale a vector to length 1 in place; returns the logarithm of its previous length."""
     square = 0.0
     for k in range(v.size):
         square += v[k] * v[k]
@@ -150,14 +154,14 @@ def normalise(v):
 
 @inlined
 def copy(of, to):
-    """One array into another of its shape."""
+    """Copy array ``of`` into array ``to`` of the same shape."""
     for place in np.ndindex(of.shape):
         to[place] = of[place]
 
 
 @called
 def take_value(m, queue, lane, value):
-    """Put a value into a lane, at phase 0."""
+    """Load a value of the queue into a lane and begin its first grid step, at phase 0."""
     r, own, table = m.r, m.own, queue.table
     copy(table.flat[value], m.flat[:, lane])
     for i in range(len(own.theta)):
@@ -176,7 +180,7 @@ def take_value(m, queue, lane, value):
 
 @inlined
 def take_steps(m):
-    """State and slope at the end of the step, in every lane that takes it."""
+    """Make the end of the tried step stage 0 in every lane that accepts it."""
     r, taken = m.r, take(m.r.lane, TAKEN) == 1.0
     for k in range(r.z.shape[0]):
         store(r.y, 0, k, choose(taken, load(r.y, 6, k), load(r.y, 0, k)))
@@ -192,7 +196,10 @@ def take_steps(m):
 
 @inlined
 def go_on(m, lane):
-    """What a lane does after a step that it took; returns whether its piece is done."""
+    """Account for an accepted step of a lane and plan the next; returns whether its piece ends.
+
+    If a contact may switch there, the lane waits one move, until ``contact.begin`` has done so.
+    """
     r, at, tried = m.r, m.r.lane, m.r.lane[TRIED, lane]
     for j in range(m.w.x.shape[0]):
         r.spent[lane, j, 1 + int(m.w.side[j, lane])] += tried
@@ -203,14 +210,14 @@ def go_on(m, lane):
         plan(at, lane)
         return False
     if at[STALE, lane] != 0.0:
-        at[MODE, lane], at[TRIED, lane] = WAIT, 0.0  # until its contact is that after the step
+        at[MODE, lane], at[TRIED, lane] = WAIT, 0.0
         return False
     return True
 
 
 @called
 def finish(m, queue, lane):
-    """Tell what came of a value."""
+    """Store the results of the value in a lane, and make the lane idle."""
     value = m.r.place[VALUE, lane]
     queue.failed[value] = m.r.lane[GROWN, lane] != 0.0
     copy(m.r.spent[lane], queue.contact[value])
@@ -221,7 +228,7 @@ def finish(m, queue, lane):
 
 @called
 def move(m):
-    """Try a step in every lane, and take it where that is decided."""
+    """Try a step in every lane, and accept it, with the tangent, where ``decide`` says so."""
     at, any_taken = m.r.lane, False
     attempt(m)
     for lane in range(LANES):
@@ -238,7 +245,7 @@ def move(m):
 
 @law
 def run_queue(m, queue, length):
-    """Run all values; ``length``: mesh cycles left out, and those observed."""
+    """Integrate all values; ``length``: numbers of mesh cycles left out, then observed."""
     at, place, n = m.r.lane, m.r.place, len(queue.steps)
     following, busy = min(n, LANES), min(n, LANES)
     for lane in range(LANES):

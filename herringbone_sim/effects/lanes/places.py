@@ -1,14 +1,22 @@
-"""Rows of ``LaneTrial.lane`` and of ``LaneTrial.place``: where in its run each lane is."""
+"""Rows of ``LaneTrial.lane`` and of ``LaneTrial.place``, which hold the progress of each lane.
+
+Phases are in rad within the mesh cycle, lengths of steps in tau.
+"""
 
 from __future__ import annotations
 
-CYCLE, ANGLE, BOUND_LOW, BOUND_HIGH = range(4)  # mesh cycle run; of the control at phase 0
-GRID, GRID_LEFT, PIECE, REACH, DONE = range(4, 9)  # phases [rad] and dimensionless times
-WANT, STEP, TRIED, ERROR = range(9, 13)  # lengths of steps; error over the tolerance
-LOW, HIGH, LAST, COUNT = range(13, 17)  # of the bracket in which a border is looked for
-MODE, STALE, TAKEN = range(17, 20)  # see ``machine``; whether stage 0 is; a step was taken
-GROWN = 20  # whether the motion has left all range
-NOW, PACE, JUMPS = range(21, 24)  # phase [rad]; of a mesh that switches; whether tangents jump
+# Mesh cycle, argument of the control at its phase 0, phases between which laws are evaluated.
+CYCLE, ANGLE, BOUND_LOW, BOUND_HIGH = range(4)
+# GRID: unused; rest of the grid step, phase at the start of the piece, its length, done of it.
+GRID, GRID_LEFT, PIECE, REACH, DONE = range(4, 9)
+# Longest step by error control, whole step tried, present trial, its error over the tolerance.
+WANT, STEP, TRIED, ERROR = range(9, 13)
+LOW, HIGH, LAST, COUNT = range(13, 17)  # bracket around an edge, last trial, number of trials
+# See ``decide``; stage 0: 0 valid, 1 contact may switch, 2 piece begins; whether step is accepted.
+MODE, STALE, TAKEN = range(17, 20)
+GROWN = 20  # whether the motion has diverged
+NOW, PACE, JUMPS = range(21, 24)  # phase evaluated; margin rate at a switch; see ``see_jumps``
 ROWS = 24
 
-VALUE, STARTED, INDEX, SWITCHED = range(4)  # of ``place``: -1 where idle, and where no mesh does
+# Rows of ``place``: index of the value or -1, cycles done, grid step, mesh that switched or -1.
+VALUE, STARTED, INDEX, SWITCHED = range(4)

@@ -1,4 +1,4 @@
-"""Slope of a gear by its laws in sixteen lanes, as ``effects.instant`` and ``effects.run``."""
+"""Slope dy/dtau in sixteen lanes, as ``effects.instant`` and ``effects.run`` for one gear."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from herringbone_sim.effects.run import FORCE, FREQUENCY_N, LENGTH, RATE, TILT
 
 @inlined
 def inside(x, b, side, margin):
-    """As ``instant.inside``, lane by lane."""
+    """Clamp deflections into contact states, as ``instant.clamp_to_contact`` in each lane."""
     edge = most(b - margin, b * 0.0)
     within = least(most(x, 0.0 - edge), edge)
     closed = choose(side > 0.0, most(x, b + margin), least(x, 0.0 - b - margin))
@@ -51,7 +51,7 @@ def inside(x, b, side, margin):
 
 @inlined
 def nominal(m, phase):
-    """Deflections and rates with the nominal error, and the nominal law, at a phase."""
+    """Write mesh motion and law without effects at a phase to ``plain``, ``rate`` and ``law``."""
     w, one, gear = m.w, m.one, m.gear
     n = w.x.shape[0]
     half, length, rate = n // 2, take(one, SI + LENGTH), take(one, SI + RATE)
@@ -84,7 +84,10 @@ def nominal(m, phase):
 
 @called
 def excite_singly(m, i, first, last):
-    """A law that is not written for lanes, one lane after another."""
+    """Call ``excite`` of effect i, not written for lanes, for one lane after another.
+
+    ``first`` and ``last`` delimit its states among those of all effects.
+    """
     single, w, own = m.single, m.w, m.own
     for lane in range(LANES):
         for row in range(5):
@@ -106,7 +109,7 @@ def excite_singly(m, i, first, last):
 
 @called
 def react_singly(m, i, first, last):
-    """As ``excite_singly``."""
+    """Call ``react`` of effect i for one lane after another, see ``excite_singly``."""
     single, w, own = m.single, m.w, m.own
     n, bodies = w.x.shape[0], w.torque.shape[0]
     for lane in range(LANES):
@@ -137,12 +140,9 @@ def react_singly(m, i, first, last):
 
 @called
 def drive_singly(m, i, first, last, dy):
-    """Rates of the states of effect i by a law that is not written for lanes, lane after lane.
+    """Write the rates of the states of effect i lane by lane, see ``excite_singly``.
 
-    Args:
-        i: number of the effect.
-        first, last: range of its states among the states of all effects.
-        dy: (states of all effects, lanes), SI units; rows ``first`` to ``last`` - 1 are written.
+    ``dy`` (states of all effects, lanes) is in SI units.
     """
     single, own = m.single, m.own
     for lane in range(LANES):
@@ -163,7 +163,7 @@ def drive_singly(m, i, first, last, dy):
 
 @called
 def tell_singly(m):
-    """Phase and own states to laws that are not written for lanes."""
+    """Copy phase and effects' states to the arrays of laws that are not written for lanes."""
     for lane in range(LANES):
         m.own.now[lane, PHASE] = m.now[PHASE, lane]
         for k in range(m.single.own.shape[1]):
@@ -172,7 +172,10 @@ def tell_singly(m):
 
 @inlined
 def forces(m, free):
-    """Mesh forces and torques; ``free``: contact as deflections have it, moved by ``hold``."""
+    """Compute mesh forces and torques of effects in ``m.w``, as ``instant.instant``.
+
+    ``free``: contact follows from the deflection plus ``hold``; else it is ``m.w.side``.
+    """
     e, w, own = m.e, m.w, m.r.z[m.n_state :]
     for i in range(e.n_active):
         first, last = e.first[i], e.first[i + 1]
@@ -207,7 +210,7 @@ def forces(m, free):
 
 @inlined
 def accelerate(m, phase, dy):
-    """Rates of the coordinates (s, lanes) from the forces and torques, Eqs. (18), (22)."""
+    """Write velocities and accelerations of the layout's coordinates to dy, Eqs. (18), (22)."""
     one, w = m.one, m.w
     n = w.x.shape[0]
     half, c = n // 2, n // 4
@@ -243,7 +246,7 @@ def accelerate(m, phase, dy):
 
 @inlined
 def drive(m, dy):
-    """Rates of the effects' own states (own states, lanes), in SI units."""
+    """Write the rates of the effects' states (states, lanes) to dy, in SI units."""
     e, own = m.e, m.r.z[m.n_state :]
     for i in range(e.n_active):
         first, last = e.first[i], e.first[i + 1]
@@ -256,9 +259,9 @@ def drive(m, dy):
 
 @inlined
 def slope_of(m, y, dy, free):
-    """dy/dtau (s, lanes) at each lane's present phase, kept between the bounds of its step.
+    """Write dy/dtau (s, lanes) at phase ``NOW`` of each lane, clipped to the bounds of its piece.
 
-    Leaves all that it is made of in ``m.w``.
+    Mesh forces, deflections and laws remain in ``m.w``; ``free`` as for ``forces``.
     """
     bound = take(m.r.lane, BOUND_LOW), take(m.r.lane, BOUND_HIGH)
     at = least(most(take(m.r.lane, NOW), bound[0]), bound[1])
@@ -278,5 +281,5 @@ def slope_of(m, y, dy, free):
 
 @called
 def slope(m, y, dy, free):
-    """``slope_of``, compiled once for all that is not in haste."""
+    """``slope_of`` that is called, not inlined: less to compile where speed matters less."""
     slope_of(m, y, dy, free)

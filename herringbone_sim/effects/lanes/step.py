@@ -1,4 +1,4 @@
-"""A step of Dormand and Prince in sixteen lanes, each of its own length, and tangents along it."""
+"""A Dormand-Prince step in sixteen lanes, of a different length in each, with tangents."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 
 @inlined
 def begin_phase(m):
-    """Phase [rad] at the start of each lane's step."""
+    """Return the phase [rad] at the start of each lane's step."""
     return fma(take(m.r.lane, DONE), take(m.one, OMEGA), take(m.r.lane, PIECE))
 
 
 @inlined
 def hold_of(m, j):
-    """What moves deflection j well inside its contact, for differences around a stage [m]."""
+    """Return the shift [m] of deflection j into its contact state, as ``Trial.hold``."""
     w = m.w
     x = take(w.plain, j) + load(w.law, SHIFT, j)
     margin = take(m.one, SI + LENGTH) * (4.0 * APART)
@@ -42,7 +42,10 @@ def hold_of(m, j):
 
 @called
 def attempt(m):
-    """The step that each lane tries, from stage 0 on, which is ready; the end is stage 6."""
+    """Try a step of length ``TRIED`` in each lane, from stage 0, which is ready, to stage 6.
+
+    Errors over the tolerance go into ``ERROR``, margins at the end into row END.
+    """
     r = m.r
     h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
     for i in range(1, 7):
@@ -69,7 +72,7 @@ def attempt(m):
 
 @called
 def margins(m, row):
-    """As ``located.margins``, in all lanes, of what the last slope has left."""
+    """Write the margins of the last evaluated slope into a row, as ``located.margins``."""
     r, w, n = m.r, m.w, m.w.x.shape[0]
     length = 1.0 / take(m.one, SI + LENGTH)
     rate, newton = 1.0 / take(m.one, SI + RATE), 1.0 / take(m.one, SI + FORCE)
@@ -90,7 +93,7 @@ def margins(m, row):
 
 @called
 def difference(m, y, v, dv):
-    """Derivative of the slope at y along v (s, lanes) into dv; deflections moved by ``hold``."""
+    """Write the derivative of the slope at y along v to dv, as ``dormand_prince.difference``."""
     r = m.r
     square = take(m.one, OMEGA) * 0.0
     for k in range(v.shape[0]):
@@ -109,7 +112,7 @@ def difference(m, y, v, dv):
 
 @called
 def carry(m):
-    """The tangent of every lane that has taken the step it tried, in place."""
+    """Advance the tangent in place in every lane that accepts the step it tried."""
     r, w = m.r, m.w
     h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
     taken = take(r.lane, TAKEN) == 1.0

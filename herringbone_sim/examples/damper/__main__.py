@@ -20,11 +20,11 @@ from herringbone_sim.examples.damper.simulate import MODERATE_SIZES, simulate
 WEIGHTS = Path(__file__).with_name("weights.json")
 OUTSIDE_CATALOGUE = ("maxwell", "smooth")
 FIRST_SEED = 1000  # seed of the first practice rig
-PENALTY = 0.1  # prior precision of the judge's weights about zero, chosen: they are of order one
+PENALTY = 0.1  # prior precision of the judge's weights about 0; chosen, as they are of order 1
 
 
 def probabilities(evidence: Evidence, weights: Array) -> dict[tuple[str, ...], float]:
-    """Probabilities of explanations, summed over shapes of an effect, most probable first."""
+    """Probability by ids of the effects, summed over options of an effect, most probable first."""
     found: dict[tuple[str, ...], float] = {}
     for one in chances(evidence, weights):
         found[one.effects] = found.get(one.effects, 0.0) + one.probability
@@ -32,7 +32,11 @@ def probabilities(evidence: Evidence, weights: Array) -> dict[tuple[str, ...], f
 
 
 def train_judge(rigs: int) -> Array:
-    """Fit the judge's weights to ``rigs`` simulated rigs of every cause, outside ones included."""
+    """Fit the judge's weights (len(NAMES),) to simulated rigs.
+
+    Args:
+        rigs: number of rigs of each cause: none, every effect, and those of no catalogue.
+    """
     evidence, truths = [], []
     for cause in ("none", *MODERATE_SIZES):
         truth = () if cause == "none" else ("unknown",) if cause in OUTSIDE_CATALOGUE else (cause,)
@@ -43,13 +47,13 @@ def train_judge(rigs: int) -> Array:
 
 
 def load_weights() -> Array:
-    """Read the judge's weights written by ``--practice``; those missing in the file are 0."""
+    """Read the judge's weights (len(NAMES),) that ``--practice`` wrote; missing ones are 0."""
     data = json.loads(WEIGHTS.read_text(encoding="utf-8"))
     return np.array([data.get(name, 0.0) for name in NAMES])
 
 
 def verdict(found: Examination, weights: Array) -> str:
-    """Text with probabilities from 0.1 % on, and the best single effect with its fit."""
+    """Text with probabilities of 0.1 % or more, and the best single effect with its fit."""
     lines = []
     for effects, p in probabilities(evidence_of(found), weights).items():
         if p >= 0.001:
@@ -61,7 +65,7 @@ def verdict(found: Examination, weights: Array) -> str:
 
 
 def describe(one: FittedExplanation) -> str:
-    """Text of a single effect with options, fitted values and standard deviations."""
+    """Text of an explanation by one effect: options, fitted values and standard deviations."""
     h, score = one.hypotheses[0], one.score
     own = slice(len(score.mean) - len(h.coefficients), None)
     sd = np.sqrt(np.diag(score.covariance_with_jackknife()))

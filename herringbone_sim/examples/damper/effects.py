@@ -1,7 +1,7 @@
 """Tolerances, functions and hypotheses of the damper.
 
-A function is the change of the force by a unit amplitude; a hypothesis is a few coefficients of
-functions.
+A function is the change of an observation by a unit amplitude, such as a force over time; a
+hypothesis is an effect with the coefficients to fit, each a weighted sum of functions.
 """
 
 from __future__ import annotations
@@ -19,24 +19,28 @@ from herringbone_sim.examples.damper.simulate import SIGMA, STEP, Run
 
 LAW, IMPULSE = "force law", "impulse"  # the two observations
 # Grids of Stribeck's law, chosen as for lubricated contacts: velocity over which friction falls
-# [m/s], and its excess at rest over Coulomb friction.
+# [m/s], and the excess of friction at rest over Coulomb friction, as a ratio.
 STRIBECK_VELOCITIES = tuple(float(f) for f in np.geomspace(0.02, 0.1, 6).round(3))
 STATIC_RATIOS = tuple(float(q) for q in np.geomspace(0.8, 2.0, 10).round(2))
 TRAVELS = (1e-4, 2e-4, 4e-4)  # elastic travel before sliding [m]; values between are fitted
 
 
 def sliding_direction(r: Run) -> Array:
-    """(n,) expected direction of sliding, -1 to 1, given the noise of v."""
+    """(n,) expected direction of sliding, -1 to 1, given the measured v and its noise."""
     return np.asarray(np.tanh(r.v / (2.0 * SIGMA["v"])))
 
 
 def stribeck_excess(falling: float) -> Callable[[Run], Array]:
-    """Excess of Stribeck's law over Coulomb's, (n,) per unit at rest; ``falling`` [m/s]."""
+    """Function of a run: friction (n,) of Stribeck's law above Coulomb's, of size 1 at rest.
+
+    Args:
+        falling: velocity over which it falls [m/s].
+    """
     return lambda r: sliding_direction(r) * np.exp(-((r.v / falling) ** 2))
 
 
 def stribeck_width_slope(falling: float) -> Callable[[Run], Array]:
-    """Derivative of ``stribeck_excess`` by the logarithm of ``falling``."""
+    """Function of a run: derivative (n,) of ``stribeck_excess`` by log(``falling``)."""
     return lambda r: 2.0 * (r.v / falling) ** 2 * stribeck_excess(falling)(r)
 
 
@@ -66,10 +70,14 @@ def dahl_state(v: Array, travel: float) -> Array:
 def coefficient(
     name: str, sd: float, bound: float, runs: int, **parts: Mapping[str, float]
 ) -> Coefficient:
-    """Coefficient with the same weights in all runs.
+    """Coefficient that acts with the same weights in all runs.
 
     Args:
-        parts: weights of functions in ``law`` and ``impulse``.
+        name: name of the coefficient.
+        sd: prior standard deviation.
+        bound: largest absolute value.
+        runs: number of runs.
+        parts: weights by function, for the observations ``law`` and ``impulse``.
     """
     of = {"law": LAW, "impulse": IMPULSE}
     made = {
@@ -80,7 +88,7 @@ def coefficient(
 
 
 def tolerances(runs: int) -> tuple[Coefficient, ...]:
-    """Tolerances of the data sheet, uniform: standard deviation bound / sqrt(3)."""
+    """Tolerances of stiffness, damping and mass, uniform: standard deviation bound / sqrt(3)."""
 
     def tolerance(name: str, bound: float, **parts: Mapping[str, float]) -> Coefficient:
         return coefficient(name, bound / np.sqrt(3.0), bound, runs, **parts)
@@ -93,7 +101,7 @@ def tolerances(runs: int) -> tuple[Coefficient, ...]:
 
 
 def hypotheses(runs: int) -> list[Hypothesis]:
-    """The catalogue of six effects; Stribeck's and Dahl's laws once for each shape of a grid."""
+    """Catalogue of six effects, with a hypothesis for each shape of Stribeck's and Dahl's laws."""
 
     def main(effect: str, **parts: Mapping[str, float]) -> Coefficient:
         return coefficient(effect, simulate.MODERATE_SIZES[effect], np.inf, runs, **parts)
@@ -125,7 +133,10 @@ def hypotheses(runs: int) -> list[Hypothesis]:
 def _stribeck_departures(
     falling: float, ratio: float, runs: int
 ) -> tuple[Coefficient, Coefficient]:
-    """Departures with a prior of half a grid step; bounded, as Coulomb's law is a limit."""
+    """Departures from a grid point of Stribeck's law in ``falling`` [m/s] and ``ratio``.
+
+    Prior standard deviation half a grid step; bound a whole one, as Coulomb's law is a limit.
+    """
     size = ratio * simulate.MODERATE_SIZES["stribeck"]
     steps = (
         np.log(STRIBECK_VELOCITIES[1] / STRIBECK_VELOCITIES[0]),

@@ -1,7 +1,7 @@
 """The damper as a machine of the diagnosis engine: two observations of every run.
 
-Force law: measured F minus K g(x) + C v. Impulse: impulse of the drive minus that of measured F,
-minus the gain of momentum; free of any force law, so only errors of F appear there.
+Force law: measured F minus (K g(x) + C v). Impulse: impulse of the drive minus that of measured F,
+minus the gain of momentum; needs no force law, so of the effects only an error of F appears there.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ SIMPSON_WEIGHTS = STEP / 3.0 * np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0,
 
 
 def smoothed_play(x: Array, play: float) -> tuple[Array, Array, Array]:
-    """Expected displacement beyond the play, its slope by the play, probability of contact.
+    """Expected displacement beyond the play, its derivative by the play, probability of contact.
 
-    Arrays (n,), expectations over the noise of x [m].
+    All (n,); expectations over the noise of the measured x (n,) [m], ``play`` in m.
     """
     sigma = SIGMA["x"]
     found, odds = [], []
@@ -45,14 +45,19 @@ def smoothed_play(x: Array, play: float) -> tuple[Array, Array, Array]:
 
 
 def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str, Array]:
-    """Dahl friction with travel ``travel`` exp(longer / force), and its slopes by both arguments.
+    """Dahl friction with the travel ``travel`` exp(longer / force), and its derivatives.
 
     ``longer`` acts linearly beyond a factor e of the travel, and where ``force`` is zero.
 
     Args:
         v: (n,) velocity [m/s].
-        force, longer: friction force [N]; lengthening of the travel times the force [N].
-        travel: [m].
+        force: friction force [N].
+        longer: logarithm of the factor on the travel, times the force [N].
+        travel: travel [m] at ``longer`` 0.
+
+    Returns:
+        Arrays (n,): ``force``, the friction [N]; ``slip`` and ``longer``, its derivatives by
+        ``force`` and ``longer``.
     """
     share = float(np.clip(longer / force, -1.0, 1.0)) if force else 0.0
     at = travel * np.exp(share)
@@ -65,7 +70,7 @@ def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str
 
 
 class Damper:
-    """Runs of a damper with tolerances and hypotheses; see ``diagnosis.machine.Machine``."""
+    """Recorded runs of a damper, as the engine needs them: see ``diagnosis.machine.Machine``."""
 
     def __init__(self, recorded: Sequence[Run]) -> None:
         self.recorded, self.runs = tuple(recorded), len(recorded)
@@ -89,14 +94,14 @@ class Damper:
 
     @property
     def estimates_states(self) -> bool:
-        """No: displacement and rate are recorded."""
+        """False: displacement and velocity are recorded."""
         return False
 
     def with_more_values(self) -> None:
-        """None: all values are in use."""
+        """None: all recorded values are in use."""
 
     def without_linearisation(self) -> Damper:
-        """Itself: its linear observations are linear exactly."""
+        """The machine itself: its blocks are always computed exactly."""
         return self
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
@@ -111,7 +116,7 @@ class Damper:
         return np.asarray((phase - phase[0]) / (2.0 * np.pi))
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """The force law is nonlinear in the play and the travel of presliding."""
+        """Both observations, but not the force law with amplitudes of play or presliding."""
         law = amplitudes.get(LAW, {})
         bent = any(np.any(law[f]) for f in NONLINEAR if f in law)
         return (IMPULSE,) if bent else (LAW, IMPULSE)
@@ -177,7 +182,7 @@ def _block(
     offset: float,
     at: Indices | None = None,
 ) -> Block:
-    """Block of one row; nuisance: offset of F, ``offset`` times it in the residual."""
+    """Block of one row; the offset of F, times ``offset``, is a nuisance of its residual."""
     n, q = len(residual), len(columns)
     return Block(
         observation,

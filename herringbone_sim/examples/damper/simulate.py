@@ -1,6 +1,7 @@
-"""A rig of the damper, simulated: one mass on a spring with play and a damper, shaken.
+"""Simulate a rig of the damper: a driven mass on a spring with play and a damper.
 
-M dv/dt + F(x, v) = P cos(phase), F = K g(x) + C v + what effects add, g(x) = x beyond the play.
+M dv/dt + F(x, v) = P cos(phase), F = K g(x) + C v + force of the effects, with g(x) the
+displacement beyond the play.
 """
 
 from __future__ import annotations
@@ -15,25 +16,25 @@ from herringbone_sim.arrays import Array
 M, K, C, PLAY = 2.0, 2e4, 60.0, 5e-4  # [kg], [N/m], [N s/m], half play [m]
 M_SHARE, K_SHARE, C_SHARE = 0.01, 0.02, 0.04  # tolerances, chosen as in a data sheet
 SIGMA = {"x": 2e-6, "v": 2e-4, "F": 0.1}  # noise [m], [m/s], [N], chosen
-OFFSET = 0.1  # standard deviation of the offset of F, drawn for every run [N]
-STEP, RUN_S, SETTLING_S = 5e-4, 1.8, 1.2  # of sampling, recording and transient before it [s]
+OFFSET = 0.1  # standard deviation of the random offset of F in a run [N]
+STEP, RUN_S, SETTLING_S = 5e-4, 1.8, 1.2  # sampling step, recording, transient before it [s]
 SUBSTEPS = 10  # integration steps per sample
 OPERATING_POINTS = ((7, 30), (9, 60), (11, 40), (14, 40), (17, 60))  # [Hz], [N]
-SLIDING_SPEED = 3e-4  # [m/s] over which friction changes sign, about the noise of v
-# Moderate sizes, chosen: [N], [N/m^3], [m], share of F. ``maxwell`` and ``smooth`` are not in the
-# catalogue.
+SLIDING_SPEED = 3e-4  # velocity over which friction changes sign, about the noise of v [m/s]
+# Moderate sizes, chosen: [N], ``cubic`` [N/m^3], ``play`` [m], ``gain`` relative. ``maxwell`` and
+# ``smooth`` are not in the catalogue.
 MODERATE_SIZES = {"coulomb": 0.5, "presliding": 0.5, "stribeck": 0.5, "cubic": 5e6, "play": 3e-5}
 MODERATE_SIZES |= {"gain": 0.01, "maxwell": 0.3, "smooth": 0.5}
 
 
 @dataclass(frozen=True)
 class Run:
-    """Recording of one run: arrays (n,).
+    """Recording of one run; arrays (n,), with sensor errors and noise.
 
     Attributes:
         phase: phase of the drive [rad].
         P: amplitude of the drive [N].
-        x, v, F: displacement [m], velocity [m/s], force on the ground [N].
+        x, v, F: displacement [m], velocity [m/s], force of the mass on the ground [N].
     """
 
     phase: Array
@@ -43,12 +44,18 @@ class Run:
     F: Array
 
 
-MAXWELL_TRAVEL, MAXWELL_RATE = 5e-4, 60.0  # Maxwell branch: deflection for force 1 [m], rate [1/s]
+MAXWELL_TRAVEL, MAXWELL_RATE = 5e-4, 60.0  # Maxwell branch: travel per unit of s [m], rate [1/s]
 
 
 @njit(cache=True)
 def law(x, v, s, p):  # type: ignore[no-untyped-def]
-    """Force [N] and rate of the state s of presliding (p[5] > 0) or of a Maxwell branch."""
+    """Force [N], and time derivative [1/s] of the state s of presliding or of a Maxwell branch.
+
+    Args:
+        x, v: displacement [m] and velocity [m/s].
+        s: state of presliding if p[5] is not 0, else of the Maxwell branch.
+        p: (11,) parameters, see the first line of the body.
+    """
     k, c, play, friction, ratio, presliding, cubic, maxwell, smooth, a, b = p
     out = x - min(max(x, -play), play)
     slide = np.tanh(v / SLIDING_SPEED) * (1.0 + ratio * np.exp(-((v / b) ** 2)))
@@ -85,9 +92,9 @@ def response(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
 
 
 def simulate(effect: str, seed: int) -> list[Run]:
-    """Five runs of a rig with an effect (or ``none``) of half to twice moderate size.
+    """Simulate the five runs of a rig with an effect, or ``none``, of half to twice moderate size.
 
-    Tolerances, size and noise are drawn with ``seed``.
+    ``seed`` determines tolerances, size and shape of the effect, and noise.
     """
     rng = np.random.default_rng(seed)
     mass, gain, p = draw_rig(effect, rng)
@@ -97,7 +104,7 @@ def simulate(effect: str, seed: int) -> list[Run]:
 
 
 def draw_rig(effect: str, rng: np.random.Generator) -> tuple[float, float, Array]:
-    """Draw mass [kg], gain of F and the (11,) parameters of ``law`` of a rig with an effect."""
+    """Draw a rig with an effect: mass [kg], gain of F and the (11,) parameters of ``law``."""
     shares = rng.uniform(-1.0, 1.0, 3) * [M_SHARE, K_SHARE, C_SHARE]
     mass, k, c = (1.0 + shares) * [M, K, C]
     size = dict.fromkeys(MODERATE_SIZES, 0.0)
@@ -115,7 +122,7 @@ def draw_rig(effect: str, rng: np.random.Generator) -> tuple[float, float, Array
 def record(
     omega: float, P: float, mass: float, gain: float, p: Array, rng: np.random.Generator
 ) -> Run:
-    """Record one run with sensor errors and noise; ``omega`` in rad/s, P in N, mass in kg."""
+    """Simulate one run with sensor errors and noise; ``omega`` in rad/s, P in N, mass in kg."""
     passed, n = round(SETTLING_S / STEP), round(RUN_S / STEP)
     x, v, F = response(passed + n, mass, P, omega, p)[passed:].T
     noise = rng.normal(size=(3, n)) * np.array([list(SIGMA.values())]).T

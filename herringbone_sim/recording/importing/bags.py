@@ -1,4 +1,4 @@
-"""Columns of a rosbag2 of any message types: every number of every topic, with its time.
+"""Read columns of a rosbag2 bag with any message types: each number of each topic, and its times.
 
 A column is named ``TOPIC.FIELD``, such as ``/sun.data`` or ``/joints.effort[2]``, or, for blocks
 of samples with named channels, ``/rig/samples.F_sp1_L``.
@@ -23,10 +23,12 @@ _Number = (bool, int, float, np.number)
 def bag_columns(
     path: Path, wanted: Sequence[str]
 ) -> tuple[dict[str, Values], dict[str, Values], tuple[str, ...]]:
-    """Read the wanted columns; returns them, their stamps, and the names of all columns.
+    """Read the wanted columns of a bag.
 
-    The stamps (datetime64[ns]) are those of the message header, else the recording time; blocks of
-    samples have none.
+    Returns:
+        Values (n,) by column, without columns that the bag does not have; stamps (n,) by column,
+        datetime64[ns], of the message header, else the recording time, and none for blocks of
+        samples; and the names of all columns.
     """
     rosbags = package("rosbags.highlevel", "rosbags", "rosbag2 files")
     types = package("rosbags.typesys", "rosbags", "rosbag2 files")
@@ -52,13 +54,13 @@ def bag_columns(
 
 
 def _folder(path: Path) -> Path:
-    """The folder of a bag, also if one of its files is named; a lone file is returned as it is."""
+    """Return the folder of a bag or of a file in it; without ``metadata.yaml`` the path itself."""
     beside = path.parent if path.is_file() else path
     return beside if (beside / "metadata.yaml").is_file() else path
 
 
 def _stamp(message: Any, logged_ns: int) -> int:
-    """Header stamp of a message [ns], else its log time."""
+    """Return the header stamp of a message [ns], else its log time."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return logged_ns if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
@@ -72,7 +74,7 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
     for name, value in vars(message).items():
         if isinstance(value, _Number):
             yield f"{prefix}{name}", np.array([value])
-        elif isinstance(value, np.ndarray) and value.dtype.itemsize > 1:  # no picture's bytes
+        elif isinstance(value, np.ndarray) and value.dtype.itemsize > 1:  # no image bytes
             for i, one in enumerate(value):
                 yield f"{prefix}{name}[{i}]", np.array([one])
         elif hasattr(value, "__dataclass_fields__") and name not in ("header", "layout"):
@@ -80,7 +82,7 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
 
 
 def _block(message: Any) -> list[tuple[str, Values]] | None:
-    """Columns of a block of samples (2-D array layout); None if the message is none."""
+    """Return the columns of a block of samples (2-D array layout); None for other messages."""
     dimensions: Sequence[Any] = getattr(getattr(message, "layout", None), "dim", [])
     names = dimensions[1].label.split(",") if len(dimensions) == 2 else []
     if not names or len(message.data) != dimensions[0].size * len(names):

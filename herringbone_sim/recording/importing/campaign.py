@@ -36,13 +36,13 @@ NOMINAL = "nominal.yaml"
 
 @dataclass(frozen=True)
 class ImportedChannel:
-    """An imported channel.
+    """Source, rate and range of an imported channel.
 
     Attributes:
-        channel, unit: as recorded, SI.
-        source: file, column and unit that it comes from.
-        rate_hz: sample rate of that file.
-        low, high: range of the finite values [SI]; NaN if there are none.
+        channel, unit: name and SI unit in the written run.
+        source: imported file, column and unit.
+        rate_hz: sample rate of the imported file [Hz].
+        low, high: range of the finite values [SI]; NaN without any.
     """
 
     channel: str
@@ -58,12 +58,13 @@ class ImportedRun:
     """Summary of an imported run.
 
     Attributes:
-        name, role: of the run.
+        name, role: name and role of the run.
         samples: number of samples.
-        rate_hz, cycles: sample rate of the run; mesh cycles recorded.
+        rate_hz, cycles: sample rate of the run [Hz]; number of mesh cycles recorded.
         taken: the imported channels.
-        left: (channel or column, reason) of those not imported.
-        remarks: sentences on what was cut, and on values that the data sheet does not explain.
+        left: (channel or column, reason) for each that was not imported.
+        remarks: sentences on samples cut off or interpolated, and on values that the data sheet
+            does not explain.
     """
 
     name: str
@@ -79,16 +80,19 @@ class ImportedRun:
 def import_campaign(
     spec: ImportSpec, out: Path, say: Say = lambda text: None
 ) -> tuple[ImportedRun, ...]:
-    """Write runs, ``campaign.yaml`` and the nominal parameter file into a new folder, or nothing.
+    """Import a spec: write runs, ``campaign.yaml`` and ``nominal.yaml`` into a new folder.
 
     Args:
         spec: the parsed specification.
-        out: must not exist, or be empty.
-        say: called with the name of each run.
+        out: folder to write, which must not exist, or be empty.
+        say: called with the name of each run before it is imported.
+
+    Returns:
+        A summary of each run.
 
     Raises:
-        RecordingError: the folder is in use, or a file can't be read or contradicts the spec;
-            nothing is left behind.
+        RecordingError: the folder is in use, or a file can't be read or contradicts the spec; then
+            nothing is written.
     """
     with _new_folder(out) as part:
         told = []
@@ -106,9 +110,7 @@ def import_campaign(
 
 
 def _check_written(folder: Path) -> None:
-    """Read the written campaign once, so that invalid noise and sensor data of the spec are
-    reported.
-    """
+    """Read the written campaign, which reports invalid noise and sensor data of the spec."""
     try:
         read_campaign(folder)
     except RecordingError as error:
@@ -118,7 +120,7 @@ def _check_written(folder: Path) -> None:
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """Temporary folder that is renamed to ``out`` when complete, else removed."""
+    """Context manager: a temporary folder, renamed to ``out`` on success and removed otherwise."""
     out = out.resolve()
     there = next(folder for folder in out.parents if folder.exists())
     part = there / f".{out.name}.part"
@@ -143,7 +145,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
 
 
 def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
-    """Convert and write one run."""
+    """Convert and write one run; return its summary."""
     read = [(file, _columns(file)) for file in run.files]
     dates = [date for file, columns in read if (date := first_date(file, columns)) is not None]
     zero = min(dates) if dates else None
@@ -176,14 +178,14 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
 
 
 def _columns(file: FileSpec) -> Columns:
-    """Columns of a file that its channels and its clock need."""
+    """Read the columns of a file that its channels and its clock need."""
     wanted = [one.column for one in file.channels]
     wanted += [file.time.column] if file.time.column else []
     return read_columns(file.path, file.kind, list(dict.fromkeys(wanted)), file.options)
 
 
 def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
-    """Unwrap phases and angles, so that they can be interpolated."""
+    """Return the group with unwrapped phases and angles, which can be interpolated."""
     values = {
         name: unwrapped(one) if name == "phase" or name.startswith("angle_") else one
         for name, one in stream.values.items()
@@ -192,7 +194,7 @@ def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
 
 
 def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
-    """Columns that no channel uses, by file, with the reason."""
+    """Return (file and column, reason) of each column that the spec does not use."""
     named: dict[Path, set[str]] = {}
     for file, _ in read:
         used = {one.column for one in file.channels} | {file.time.column or ""}
@@ -209,7 +211,7 @@ def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
 def _imported(
     spec: ImportSpec, run: RunSpec, values: Mapping[str, Array], rates: Mapping[str, float]
 ) -> tuple[ImportedChannel, ...]:
-    """Summary of each channel of a run."""
+    """Return a summary of each channel of a run."""
     sources: dict[str, tuple[FileSpec, ChannelSpec]] = {
         recorded_name(one.name): (file, one) for file in run.files for one in file.channels
     }
@@ -227,7 +229,7 @@ def _imported(
 
 
 def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> None:
-    """Write the columns of a run as a bag."""
+    """Write columns (n,) of a run as the bag ``name`` in a folder."""
     names, data = tuple(columns), np.column_stack(list(columns.values()))
     content = {"channels": [_described(one) for one in names], "source": rig}
     writer = RunWriter.create(folder, name, "/rig", content, names, 0)
@@ -237,7 +239,7 @@ def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> N
 
 
 def _described(channel: str) -> dict[str, str]:
-    """Entry of a channel in the ``channels`` message."""
+    """Return the entry of a channel in the ``channels`` message."""
     if channel in MEANINGS or channel.split("_")[0] in MEANINGS:
         return describe(channel)
     return {"name": channel, "unit": si_unit(channel), "meaning": "as docs/importing.md has it"}

@@ -25,7 +25,7 @@ class ClockGroup:
     Attributes:
         label: name of the file, for messages.
         times: (n,) [s], strictly increasing.
-        values: (n,) by channel, SI.
+        values: channel -> (n,), SI.
         resample: whether it may be interpolated at the times of another file.
     """
 
@@ -41,12 +41,12 @@ class ClockGroup:
 
 @dataclass(frozen=True)
 class Merged:
-    """All channels at the times of the first group.
+    """All channels of a run at the times of its first group.
 
     Attributes:
         times: (n,) [s] from 0.
-        values: (n,) by channel, SI.
-        left: channel -> reason why it was left out.
+        values: channel -> (n,), SI.
+        left: channel -> reason why it is not in ``values``.
         notes: sentences on what was cut or interpolated.
     """
 
@@ -57,10 +57,12 @@ class Merged:
 
 
 def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -> list[ClockGroup]:
-    """Group the channels of a file by their clock.
+    """Convert the channels of a file to SI and group them by their clock.
 
     Args:
-        zero: first date of the run, from which dates count.
+        file: specification of the file.
+        columns: its columns.
+        zero: date that is time 0 of the run; None if no file has dates.
 
     Raises:
         RecordingError: a column and its clock differ in length, or a clock does not increase.
@@ -83,7 +85,7 @@ def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -
 
 
 def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
-    """First date of a file with dated samples; None if it has none."""
+    """Return the earliest date in the clocks of a file; None if they are not dates."""
     found = [columns.values[file.time.column]] if file.time.column else []
     found += columns.stamps.values() if file.time.own else []
     dates = [one[0] for one in found if one.dtype.kind == "M" and len(one)]
@@ -93,7 +95,7 @@ def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
 def _times(
     file: FileSpec, columns: Columns, channel: ChannelSpec, zero: np.datetime64 | None
 ) -> Array:
-    """Times (n,) [s] of a channel on the clock of the run."""
+    """Return the times (n,) [s] of a channel on the clock of the run."""
     time = file.time
     if time.rate_hz is not None:
         own = time.start_s + np.arange(len(columns.values[channel.column])) / time.rate_hz
@@ -129,7 +131,10 @@ def _check(file: FileSpec, times: Array) -> None:
 
 
 def merged(parts: Sequence[ClockGroup]) -> Merged:
-    """Bring all groups to the times of the first one.
+    """Bring the channels of all groups to the times of the first group.
+
+    Groups with other sample times are interpolated linearly if they may be, else left out. The run
+    is cut to the time that all remaining groups have, and starts at 0.
 
     Raises:
         RecordingError: the files do not overlap in time.
@@ -165,13 +170,13 @@ def merged(parts: Sequence[ClockGroup]) -> Merged:
 
 
 def _nearest(times: Array, others: Array) -> NDArray[np.intp]:
-    """Index (n,) of the nearest of other times."""
+    """Return the index (n,) of the entry of ``others`` nearest to each time."""
     after = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
     return after - (times - others[after - 1] < others[after] - times)
 
 
 def _same_samples(times: Array, others: Array) -> bool:
-    """Whether two clocks have the same sample times where they overlap."""
+    """Whether two clocks have the same sample times, within ``SAME`` steps, where they overlap."""
     reach = SAME * min(np.median(np.diff(times)), np.median(np.diff(others)))
     low, high = max(times[0], others[0]) - reach, min(times[-1], others[-1]) + reach
     both = times[(times >= low) & (times <= high)]
@@ -182,7 +187,7 @@ def _same_samples(times: Array, others: Array) -> bool:
 
 
 def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
-    """Rows of the first group that lie within the times of all others."""
+    """Return the rows of ``main`` within the times of all others; RecordingError if too few."""
     reach = SAME * float(np.median(np.diff(main.times)))
     low = max((one.times[0] for one in others), default=-np.inf) - reach
     high = min((one.times[-1] for one in others), default=np.inf) + reach
@@ -199,6 +204,6 @@ def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
 
 
 def _at(times: Array, own: Array, values: Array, same: bool) -> Array:
-    """Values at other times: the nearest samples, or linear interpolation."""
+    """Return values at other times: of the nearest samples if ``same``, else interpolated."""
     found: Array = values[_nearest(times, own)] if same else np.interp(times, own, values)
     return found

@@ -24,10 +24,10 @@ class Columns:
     """Columns of a file.
 
     Attributes:
-        values: (n,) by name, of the wanted columns: float64, NaN for an empty cell, or
+        values: name -> (n,) of the wanted columns: float64, NaN for an empty cell, or
             datetime64[ns] for dates.
-        stamps: (n,) times of columns with a clock of their own, [s] or datetime64[ns].
-        names: of all columns in the file.
+        stamps: name -> (n,) times of columns whose clock is in the file, [s] or datetime64[ns].
+        names: names of all columns in the file.
     """
 
     values: Mapping[str, Values]
@@ -39,6 +39,11 @@ def read_columns(
     path: Path, kind: str, wanted: Sequence[str], options: Mapping[str, Any]
 ) -> Columns:
     """Read the wanted columns of a file.
+
+    Args:
+        path: the file, or folder of a bag.
+        kind, options: as in ``FileSpec``.
+        wanted: names of columns.
 
     Raises:
         RecordingError: the file is not of its kind or can't be read, a package is missing, or a
@@ -68,7 +73,7 @@ def read_columns(
 
 
 def _numbers(path: Path, name: str, values: Values) -> Values:
-    """A column as float64 or datetime64[ns]; RecordingError if it is neither."""
+    """Return a column as float64 or datetime64[ns]; RecordingError if it is neither."""
     values = np.asarray(values)
     if values.dtype.kind == "M":
         return values.astype("datetime64[ns]")
@@ -81,16 +86,17 @@ def _numbers(path: Path, name: str, values: Values) -> Values:
     return values.astype(np.float64)
 
 
+# Column -> function that reads it; column -> its times (n,) [s], if the file has them.
 _Found = tuple[dict[str, Read], dict[str, Values]]
 
 
 def _arrow(table: Any) -> dict[str, Read]:
-    """Readers of the columns of an Arrow table."""
+    """Return readers of the columns of an Arrow table."""
     return {name: table.column(i).to_numpy for i, name in enumerate(table.column_names)}
 
 
 def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
-    """Readers of the columns of a text table."""
+    """Return readers of the columns of a text table."""
     csv = package("pyarrow.csv", "pyarrow", "tables of text")
     table = csv.read_csv(
         path,
@@ -111,7 +117,7 @@ def _parquet(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
-    """Readers of the arrays of a MATLAB file."""
+    """Return readers of the arrays of a MATLAB file, v5 or v7.3."""
     with path.open("rb") as file:
         if file.read(10) == b"MATLAB 7.3":
             return _of_hdf5(path, matlab=True), {}
@@ -121,7 +127,7 @@ def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _leaves(content: Mapping[str, Any], prefix: str, matlab: bool) -> Iterator[tuple[str, Read]]:
-    """Yield readers of the arrays in a nested mapping, keys joined by dots."""
+    """Yield (name, reader) of the arrays in a nested mapping, keys joined by dots."""
     for key, value in content.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{key}.", matlab)
@@ -134,7 +140,7 @@ def _hdf5(path: Path, _: Mapping[str, Any]) -> _Found:
 
 
 def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
-    """Readers of all datasets of an HDF5 file."""
+    """Return readers of all datasets of an HDF5 file, named in MATLAB style if ``matlab``."""
     h5py = package("h5py", "h5py", "HDF5 and MAT v7.3 files")
     found: dict[str, Read] = {}
 
@@ -150,7 +156,7 @@ def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
 
 
 def _dataset(path: Path, name: str, turned: bool) -> Values:
-    """Values of a dataset, transposed for MATLAB files, which store columns as rows."""
+    """Read a dataset, transposed if ``turned``: MATLAB files store columns as rows."""
     with package("h5py", "h5py", "HDF5 and MAT v7.3 files").File(path) as file:
         values: Values = file[name][()]
         return values.T if turned else values
@@ -159,9 +165,7 @@ def _dataset(path: Path, name: str, turned: bool) -> Values:
 def _parted(
     name: str, shape: tuple[int, ...], read: Read, matlab: bool
 ) -> Iterator[tuple[str, Read]]:
-    """Yield readers: one for a vector, one a column for a matrix, named in MATLAB or Python
-    style.
-    """
+    """Yield (name, reader) of a vector, or of each column of a matrix: ``(:,2)`` or ``[:,1]``."""
     if len(shape) != 2 or 1 in shape:
         yield name, partial(_flat, read)
         return
@@ -180,7 +184,7 @@ def _column(read: Read, j: int) -> Values:
 
 
 def _tdms(path: Path, _: Mapping[str, Any]) -> _Found:
-    """Readers of the channels of a TDMS file, and their clocks."""
+    """Return readers and clocks [s] of the channels of a TDMS file."""
     file = package("nptdms", "npTDMS", "TDMS files").TdmsFile.read(path)
     every = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels()}
     clocks = {

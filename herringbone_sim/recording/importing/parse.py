@@ -1,6 +1,4 @@
-"""Parse a spec; an invalid entry raises an error with its place, the rule, the value, the
-remedy.
-"""
+"""Parse and check the spec of an import; errors name the entry, the rule, value and remedy."""
 
 from __future__ import annotations
 
@@ -57,7 +55,7 @@ def read_spec(file: Path) -> ImportSpec:
 
 
 def _spec(folder: Path, content: Any) -> ImportSpec:
-    """Specification from the parsed YAML."""
+    """Check the parsed YAML of a spec in ``folder``."""
     known = ("rig", "nominal", "phase", "files", "runs", "noise", "sensors")
     top = Entry(content, "", known)
     nominal = load_parameters(folder / top.text("nominal")) if "nominal" in top else Parameters()
@@ -78,9 +76,7 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
 
 
 def _phase(value: Any) -> tuple[str, float]:
-    """Shaft that the mesh phase comes from, empty if none, and the phase [rad] at its zero
-    angle.
-    """
+    """Return the shaft that gives the mesh phase, empty for none; its phase [rad] at angle 0."""
     if value is None:
         return "", 0.0
     entry = Entry(value, "phase", ("angle", "offset"))
@@ -88,7 +84,7 @@ def _phase(value: Any) -> tuple[str, float]:
 
 
 def _check_filled(run: RunSpec, shaft: str) -> None:
-    """Check that the mesh phase is given and that no channel is given twice."""
+    """Raise RecordingError unless the mesh phase is given, and each channel only once."""
     named = [channel.name for file in run.files for channel in file.channels]
     if (shaft or "phase") not in named:
         raise RecordingError(
@@ -106,7 +102,7 @@ def _check_filled(run: RunSpec, shaft: str) -> None:
 
 
 def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str]) -> RunSpec:
-    """Specification of one run."""
+    """Parse the run at the path ``where``; ``names`` are the channels that it may have."""
     entry = Entry(value, where, ("name", "role", *POINT, "files"))
     name = entry.text("name")
     try:
@@ -124,7 +120,7 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
 
 
 def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
-    """Specification of one file of a run."""
+    """Parse one file of a run; ``names`` are the channels that it may have."""
     path = folder / entry.text("path").replace("{run}", run)
     if not path.exists():
         raise entry.wrong("path", "a file beside the spec", str(path), "no such file")
@@ -145,7 +141,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
 
 
 def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
-    """Checked options of a csv file."""
+    """Return the options of a csv file; another kind may have none."""
     given = Entry(entry.take("options", {}), f"{entry.where}.options", tuple(OPTIONS))
     if kind != "csv" and "options" in entry:
         raise entry.wrong("options", "left out, as only csv has options", kind)
@@ -161,8 +157,9 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
 
 
 def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
-    """Expand a channel name with a star; the star in its column stands for the same text.
+    """Expand a channel name with a star to (name, value) of each channel that it matches.
 
+    The star in the column stands for the same text; a name without a star is returned unchanged.
     ``F_*: {column: force *, unit: kN}`` is the force of every mesh; pins are ``F_pin*``.
     """
     head, star, tail = name.partition("*")
@@ -180,7 +177,7 @@ def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, An
 
 
 def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:
-    """Specification of one channel: column, unit and linear conversion to SI."""
+    """Parse one channel: its column, unit and linear conversion to SI."""
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or names[:3]
         raise RecordingError(
@@ -198,7 +195,7 @@ def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> Channel
 
 
 def _time(value: Any, where: str, kind: str) -> TimeSpec:
-    """Specification of the clock of a file."""
+    """Parse the clock of a file of the given kind."""
     own = kind in ("tdms", "rosbag2")
     entry = Entry(value or {}, where, ("column", "unit", "rate", "start", "trigger_offset"))
     named = ("column" in entry) + ("rate" in entry)

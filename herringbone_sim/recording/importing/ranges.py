@@ -1,4 +1,4 @@
-"""Compare imported channels with what the data sheet lets expect; only reports, rejects nothing.
+"""Compare imported channels with the sizes expected by the data sheet; nothing is rejected.
 
 Expected sizes: displacements as the mesh error, velocities and accelerations as that times the
 mesh frequency, mean forces as the load.
@@ -14,13 +14,19 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_sun_force
 from herringbone_sim.recording.importing.units import si_unit
 
-# Factor beyond which the next unit prefix (1000) is closer than the right one.
+# Factor beyond which another unit prefix, a factor of 1000 away, fits better.
 FAR = 10.0**1.5
 SPEED = 0.05  # larger relative deviations mean a wrong Omega, slip or another gear
 
 
 def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str]:
-    """A sentence on each channel, or group of channels, that is far from the nominal rig."""
+    """Return sentences on a wrong speed, NaN, and channels far from their nominal size.
+
+    Args:
+        model: nominal model at the operating point.
+        times: (n,) [s].
+        values: channel -> (n,), SI.
+    """
     found = _speed(model, times, values["phase"])
     far: dict[str, list[str]] = {}
     for name, one in values.items():
@@ -38,7 +44,7 @@ def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str
 
 
 def _speed(model: Model, times: Array, phase: Array) -> list[str]:
-    """A sentence if the speed by phase differs from Omega by more than 5 %."""
+    """Return a sentence if the mesh frequency by phase differs from Omega by more than 5 %."""
     p = model.parameters
     nominal = p.Omega * (p.omega_n or model.scales.omega_n)
     got = float((phase[-1] - phase[0]) / (times[-1] - times[0]))
@@ -51,7 +57,7 @@ def _speed(model: Model, times: Array, phase: Array) -> list[str]:
 
 
 def _sizes(model: Model, name: str, values: Array) -> tuple[float, float]:
-    """Expected and actual size of a channel; (0, 0) where nothing is expected."""
+    """Return expected and actual size of a channel, SI; expected is 0 where it is not known."""
     p, s = model.parameters, model.scales
     omega, error = p.Omega * (p.omega_n or s.omega_n), p.e_m * s.b_c
     load = abs(mean_sun_force(model))

@@ -15,11 +15,11 @@ class ChannelSpec:
     """One channel: SI value = gain * number in the file + offset.
 
     Attributes:
-        name: of the channel.
-        column: its name in the file.
-        unit: in the file.
-        gain: product of unit factor, scale and sign [SI].
-        offset: [SI].
+        name: name of the channel.
+        column: name of its column in the file.
+        unit: unit in the file.
+        gain: product of unit factor, scale and sign.
+        offset: offset, SI.
     """
 
     name: str
@@ -34,11 +34,11 @@ class TimeSpec:
     """The clock of a file: time of the run = time of the file + trigger_offset_s.
 
     Attributes:
-        column: column with the time; None if the time follows from the rate.
-        unit_s: unit of that column in seconds.
-        rate_hz: sample rate; None with a column.
-        start_s: time of the first sample, with a rate.
-        trigger_offset_s: how much later the zero of this file is than that of the run.
+        column: column with the time; None for a clock by rate, or by stamps in the file.
+        unit_s: unit of that column [s]; not used for dates.
+        rate_hz: sample rate [Hz]; None for a clock by a column or by stamps.
+        start_s: time of the first sample [s], with a rate.
+        trigger_offset_s: time 0 of the file on the clock of the run [s].
     """
 
     column: str | None = None
@@ -58,10 +58,10 @@ class FileSpec:
     """One file of a run.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         kind: csv, parquet, mat, tdms, hdf5 or rosbag2.
-        time: its clock; with neither column nor rate, the stamps inside the file.
-        channels: to read from it.
+        time: clock of the file.
+        channels: channels to read from it.
         resample: whether it may be interpolated to the clock of the run.
         options: for csv: delimiter, decimal, encoding, skip, skip_after_names.
     """
@@ -79,10 +79,10 @@ class RunSpec:
     """A run to import.
 
     Attributes:
-        name: of the folder that is written.
+        name: name of the run, and of the folder that is written.
         role: ``fit`` or ``held_out``.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
-        files: to read it from.
+        files: files to read the run from.
     """
 
     name: str
@@ -96,11 +96,12 @@ class ImportSpec:
     """Content of a spec.
 
     Attributes:
-        rig: its name.
+        rig: name of the rig.
         nominal: parameters by the data sheet, full model.
         shaft: angle channel that the mesh phase is computed from; empty if phase is a column.
         phase_offset: mesh phase [rad] at the zero of that angle.
-        noise, sensors: copied to campaign.yaml.
+        runs: the runs to import.
+        noise, sensors: copied to campaign.yaml; None if missing.
     """
 
     rig: str
@@ -113,5 +114,5 @@ class ImportSpec:
 
 
 def recorded_name(channel: str) -> str:
-    """Name in the recording of a channel of the spec: ``angle_c`` is recorded as ``u_c``."""
+    """Return the recorded name of a channel: ``u_c`` for ``angle_c``, others unchanged."""
     return channel.replace("angle_", "u_", 1) if channel.startswith("angle_") else channel

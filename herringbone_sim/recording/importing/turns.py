@@ -1,4 +1,4 @@
-"""Raw encoder angles: their deviation from steady rotation, and the mesh phase."""
+"""Convert raw encoder angles to deviations from steady rotation, and to the mesh phase."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from herringbone_sim.core.model import Model
 
 
 def unwrapped(values: Array) -> Array:
-    """Unwrap angles (n,) [rad] that jump by a turn; monotonic ones are returned as they are."""
+    """Unwrap angles (n,) [rad] that jump by 2 pi; monotonic angles are returned unchanged."""
     known = np.isfinite(values)
     steps = np.diff(values[known])
     if not (np.abs(steps) > np.pi).any() or (steps > 0.0).all() or (steps < 0.0).all():
@@ -22,13 +22,21 @@ def unwrapped(values: Array) -> Array:
 def with_turns(
     model: Model, shaft: str, phase_offset: float, times: Array, values: dict[str, Array]
 ) -> dict[str, Array]:
-    """Replace ``angle_*`` channels by ``u_*``, and compute the phase from a shaft if one is named.
+    """Replace each channel ``angle_*`` by the rotation ``u_*``; compute the mesh phase if asked.
+
+    A rotation u [m] is the angle minus its steady rotation, times the base radius of the body. The
+    phase [rad] is the steady rotation of the shaft, counted positive, times its mesh cycles per
+    revolution: with the ring at rest z_r for the carrier, z_s z_r / (z_s + z_r) for the sun.
 
     Args:
-        shaft: angle channel, or empty; with the ring at rest a turn of the carrier is z_r mesh
-            cycles, one of the sun z_s z_r / (z_s + z_r).
+        model: nominal model.
+        shaft: angle channel that gives the phase, or empty: no phase is computed.
         phase_offset: mesh phase [rad] at the zero of that angle.
-        times, values: (n,) [s]; (n,) by channel, SI.
+        times: (n,) [s].
+        values: channel -> (n,), SI; angles are unwrapped.
+
+    Returns:
+        Channel -> (n,), SI.
     """
     p = model.parameters
     made = {name: one for name, one in values.items() if not name.startswith("angle_")}
@@ -43,8 +51,9 @@ def with_turns(
 
 
 def steady(times: Array, angle: Array) -> Array:
-    """Line (n,) fitted to an angle (n,): the steady rotation; NaN with fewer than two finite
-    values.
+    """Fit a line to an angle (n,) over times (n,): the steady rotation (n,), in the unit of angle.
+
+    It is NaN if fewer than two angles are finite.
     """
     known = np.isfinite(angle)
     t = times - times.mean()
@@ -56,6 +65,6 @@ def steady(times: Array, angle: Array) -> Array:
 
 
 def base_radius(model: Model, body: str) -> float:
-    """Base radius of a body [m]."""
+    """Return the base radius [m] of a body, such as ``s_L``, ``c`` or ``p1_R``."""
     s = model.scales
     return {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}[body[0]]

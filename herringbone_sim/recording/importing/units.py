@@ -20,9 +20,9 @@ def package(name: str, pip_name: str, reads: str) -> Any:
     """Import an optional module; RecordingError names the package to install if it is missing.
 
     Args:
-        name: of the module.
-        pip_name: of the package.
-        reads: what it is needed for, such as ``TDMS files``.
+        name: name of the module.
+        pip_name: name of the package.
+        reads: what needs the package, such as ``TDMS files``.
     """
     try:
         return importlib.import_module(name)
@@ -33,14 +33,14 @@ def package(name: str, pip_name: str, reads: str) -> Any:
 
 
 def channel_names(layout: Layout) -> tuple[str, ...]:
-    """Every channel that a spec may give, without the time."""
+    """Return the names of all channels that a spec may define; the time is not among them."""
     angles = (f"angle_{body}" for body in layout.bodies)
     others = (*angles, *layout.channels_of("a"), *layout.channels_of("pin"))
     return (*layout.channels[1:], *others, "T_in", "T_out")
 
 
 def si_unit(channel: str) -> str:
-    """SI unit of a channel of ``channel_names``; ``-`` for a dimensionless one."""
+    """Return the SI unit of a channel in ``channel_names``; ``-`` for a dimensionless channel."""
     known = UNITS | PREFIX_UNITS | _OF_RIGS
     return known[channel] if channel in known else known[channel.split("_")[0]]
 
@@ -51,13 +51,17 @@ def _registry() -> Any:
 
 
 def factor(unit: str, si: str) -> float:
-    """Size of ``unit`` in ``si``; ValueError for another dimension or an unknown unit."""
+    """Return the size of ``unit`` in ``si``, as 1000 for kN in N; ValueError if impossible."""
     rule = f"a unit of {si} that pint knows"
     return _converted(rule, unit, si, lambda r: r.Quantity(1.0, _bare(unit)))
 
 
 def quantity(value: object, si: str) -> float:
-    """A number in SI from a number or a text such as ``220 N m``; ValueError for anything else."""
+    """Convert a number in ``si`` or a text such as ``220 N m`` to a float in ``si``.
+
+    Raises:
+        ValueError: anything else, or another dimension.
+    """
     rule = number_of(si)
     if isinstance(value, str):
         return _converted(rule, value, si, lambda r: r.Quantity(1.0) * r.parse_expression(value))
@@ -67,7 +71,7 @@ def quantity(value: object, si: str) -> float:
 
 
 def number_of(si: str) -> str:
-    """Rule for a quantity, for messages."""
+    """Return what a quantity in ``si`` must be, for error messages."""
     if si == "-":
         return "a number without a unit"
     return f"a number in {si}, or a text with a unit that pint knows"
@@ -78,7 +82,7 @@ def _bare(unit: str) -> str:
 
 
 def _converted(rule: str, text: str, si: str, read: Callable[[Any], Any]) -> float:
-    """Number in ``si`` of what ``read`` makes of the unit registry; ValueError with the rule."""
+    """Convert to ``si`` what ``read`` makes with pint's registry; ValueError on any failure."""
     registry, errors = _registry(), package("pint.errors", "pint", "units")
     try:
         value = read(registry)

@@ -1,4 +1,4 @@
-"""Figure of basins of attraction: slice, shares of the starts, phase portraits."""
+"""Figure of basins of attraction: slice of the start states, fractions of starts, portraits."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ def basins_figure(
     shared: Basins,
     plane: tuple[Array, Basins] | None = None,
 ) -> Figure:
-    """Slice beside the shares, above a phase portrait of each attractor.
+    """Draw a slice of the basins, the fractions of random starts, and phase portraits.
 
     Args:
         portraits: of the attractors; the first five are drawn.
-        names: of the attractors.
-        shared: of random starts.
-        plane: axis and basins of a slice, with the attractors of ``shared`` first.
+        names: of all attractors.
+        shared: basins of random start states.
+        plane: axis (n,) in b_c and basins of an (n, n) slice of start states at rest, with the
+            attractors of ``shared`` first; None: no slice.
     """
     attractors = (plane[1] if plane else shared).attractors
     columns = max(min(len(attractors), PORTRAITS), 3)
@@ -55,7 +56,7 @@ def basins_figure(
 
 
 def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
-    """Attractor of each start of the slice by colour; white where the run failed."""
+    """Draw the slice of start states, coloured by attractor; white where the run failed."""
     half = 0.5 * (axis[1] - axis[0]) if len(axis) > 1 else 0.5
     extent = (axis[0] - half, axis[-1] + half) * 2
     labels = np.ma.masked_less(basins.labels, 0)
@@ -79,7 +80,7 @@ def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
 
 
 def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
-    """Share of the random starts of each attractor, with its 95 % interval."""
+    """Draw the fraction of random starts that leads to each attractor, with its 95 % interval."""
     places = np.arange(len(basins.attractors))
     share, low, high = 100.0 * basins.shares().T
     colours = [COLOURS[min(i, len(COLOURS) - 1)] for i in range(len(places))]
@@ -95,7 +96,7 @@ def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
 
 
 def draw_portrait(axes: Axes, portrait: Portrait, colour: str, name: str) -> None:
-    """Rate over displacement of the left sun mesh, in grey beneath it of the right one."""
+    """Draw velocity over displacement of the first left sun mesh; grey beneath it: right mesh."""
     for motion, look, width in ((portrait.right, GREY, 0.9), (portrait.left, colour, 0.6)):
         axes.plot(*motion.T, color=look, linewidth=width, rasterized=True)
     axes.set_title(name.replace(", ", "\n"), fontsize=8)

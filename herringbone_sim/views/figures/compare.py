@@ -22,7 +22,12 @@ OTHER = "#d9c7b8"  # a period that has no colour of its own
 
 
 def compare_figure(nominal: GearSweeps, augmented: GearSweeps, way: str) -> Figure:
-    """Section points, exponents and time without contact of both gears, reached by one way."""
+    """Draw section points, exponents and time without contact of both gears.
+
+    Args:
+        nominal, augmented: sweeps of the gears over the same parameter values.
+        way: which sweeps to draw, a key of ``GearSweeps.results`` such as ``up``.
+    """
     sides = nominal, augmented
     known = any(np.isfinite(side.results[way]["exponent"]).any() for side in sides)
     ratios = [3.4, *([2.0] if known else []), 1.8]
@@ -39,7 +44,7 @@ def compare_figure(nominal: GearSweeps, augmented: GearSweeps, way: str) -> Figu
 
 
 def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
-    """Motion at each value by colour, a row per gear and way."""
+    """Draw the motion at each parameter value by colour, a row per gear and start of a sweep."""
     rows = [(side, way) for side in (nominal, augmented) for way in side.results]
     names = [side.motions(way) for side, way in rows]
     kinds = sorted({name for row in names for name in row}, key=_order)
@@ -60,7 +65,7 @@ def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
 
 
 def colour(name: str) -> str:
-    """Colour of a motion, as on the maps of two parameters."""
+    """Return the colour of a motion, such as ``P2`` or ``aperiodic``, as on two-parameter maps."""
     fixed = {APERIODIC: maps.APERIODIC, FAILED: maps.FAILED}
     number = int(name[1:]) if name[:1] == "P" and name[1:].isdigit() else 0
     return fixed.get(name) or maps.PERIOD_COLOURS.get(number, OTHER)

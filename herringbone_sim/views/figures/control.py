@@ -1,4 +1,4 @@
-"""Figures of ``control``: least amplitudes; phase and frequency."""
+"""Figures of the study ``control``: least amplitudes; phase and frequency of the control."""
 
 from __future__ import annotations
 
@@ -36,12 +36,14 @@ TURN = ([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2
 def amplitude_figure(
     survey: Survey, amplitudes: Sequence[LeastAmplitude], torque_n_m: float
 ) -> Figure:
-    """Left periods from the zero start, right the starts that reach P1 and P2; least amplitudes.
+    """Draw the periods and the least amplitudes of a survey over a parameter and K.
+
+    Left: period from the zero start. Right: whether some or all starts reach P1 and P2.
 
     Args:
         survey: over another parameter and K.
-        amplitudes: its least amplitudes.
-        torque_n_m: on the carrier at K = 1 [N m].
+        amplitudes: least amplitudes of the survey from the start groups ``zero`` and ``all``.
+        torque_n_m: amplitude on the carrier at K = 1 [N m], for the scale on the right.
     """
     with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 4.2))
@@ -68,13 +70,14 @@ def draw_periods(
     chaotic: Flags | None = None,
     below: bool = False,
 ) -> None:
-    """Cells coloured by period, with a legend of those that occur.
+    """Draw cells coloured by period, with a legend of the periods that occur.
 
     Args:
-        values: (n,) of the axis.
-        K: (m,).
+        values: (n,) of the horizontal axis.
+        K: (m,) of the vertical axis.
         period: (n, m); 0 is not periodic.
-        chaotic: (n, m) whether it is chaotic; distinguishes motions without a period.
+        chaotic: (n, m) whether the motion is chaotic; a motion neither periodic nor chaotic has
+            another colour. None: all motions without a period are drawn alike.
         below: whether the legend stands below the axes.
     """
     colours = [APERIODIC, *PERIOD_COLOURS.values(), NEITHER]
@@ -104,7 +107,7 @@ def _draw_reached(axes: Axes, survey: Survey) -> None:
 
 
 def _draw_least(axes: Axes, amplitudes: Sequence[LeastAmplitude], starts: str) -> None:
-    """Curves of the firm K of P1 (full) and of P2 or P1 (broken) from a group of starts."""
+    """Draw ``Staircase.firm`` of P1 (solid) and of P2 or P1 (dashed) from a group of starts."""
     styles: Any = ((1, "-"), (2, (0, (3, 1.5))))
     for period, style in styles:
         rows = [a for a in amplitudes if a.target == Target(period, starts)]
@@ -126,10 +129,10 @@ def shape_figure(
     least: Sequence[LeastAmplitude],
     cancelling: tuple[float, float],
 ) -> Figure:
-    """Period and exponent over phase and K, and over order and K, from the zero start.
+    """Draw period and largest exponent over phase and K, and over frequency order and K.
 
     Args:
-        by_phase, by_order: the maps.
+        by_phase, by_order: maps over ``control_phase`` and ``control_order``.
         least: least amplitudes over the phase.
         cancelling: K and phase [rad] at which the control cancels the mesh error.
     """
@@ -158,7 +161,7 @@ def shape_figure(
 def _draw_pair(
     left: Axes, right: Axes, values: Sequence[float], shape: ShapeMap, rows: Sequence[int]
 ) -> None:
-    """Period and exponent of some rows of a map at values of the axis."""
+    """Draw period (hatched: halves part) and exponent of map rows at values of the axis."""
     at = list(rows)
     period: Array = shape.period[at]
     draw_periods(left, values, shape.K, period, shape.chaotic[at])
@@ -171,7 +174,7 @@ def _draw_pair(
 
 
 def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
-    """Exponents (n, m), white at zero, red above."""
+    """Draw exponents (n, m) over values (n,) and K (m,): white at zero, red above, blue below."""
     image = cells(axes, values, K, rates, cmap="RdBu_r", norm=exponent_norm(rates))
     assert axes.figure is not None
     bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
@@ -179,7 +182,7 @@ def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, labe
 
 
 def _phase_curves(axes: Axes, amplitudes: Sequence[LeastAmplitude]) -> None:
-    """Curves of the firm K of P1 over the phase, from the zero start and from all starts."""
+    """Draw ``Staircase.firm`` of P1 over the phase, from the zero start and from all starts."""
     for starts, style, label in (
         ("zero", "-", "zero start"),
         ("all", (0, (3, 1.5)), "starts of all kinds"),
@@ -214,12 +217,12 @@ def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
 
 
 def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **options: Any) -> Any:
-    """Cells coloured by data (n, m) over values (n,) and K (m,)."""
+    """Draw cells coloured by data (n, m) over values (n,) and K (m,); return their collection."""
     return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **options)
 
 
 def _legend(axes: Axes, names: Sequence[tuple[str, str]], below: bool = False) -> None:
-    """Legend of (colour, name) beside or below the axes, besides other legends."""
+    """Add a legend of (colour, name) beside or below the axes; earlier legends remain."""
     handles = [Patch(facecolor=c, edgecolor=INK, linewidth=0.4, label=name) for c, name in names]
     options: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
     if below:

@@ -1,4 +1,4 @@
-"""Bifurcation diagrams of sweeps: section points over the exponents, one colour a way there."""
+"""Bifurcation diagrams of sweeps: section points above exponents, a colour per start."""
 
 from __future__ import annotations
 
@@ -36,7 +36,10 @@ def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
 
 
 def diagram_figure(diagram: Diagram) -> Figure:
-    """A panel for each kind of start over one of the exponents; grey: hysteresis."""
+    """Draw a panel of section points for each group of ``PANELS``, above a panel of exponents.
+
+    Grey: parameter values at which sweeps with different starts end in different motions.
+    """
     groups = [(title, _chosen(diagram, starts)) for title, starts in PANELS.items()]
     groups = [(title, branches) for title, branches in groups if branches]
     known = [one for one in diagram.branches if np.isfinite(one.exponent).any()]
@@ -55,13 +58,13 @@ def diagram_figure(diagram: Diagram) -> Figure:
 
 
 def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: str) -> None:
-    """Section points of some branches; grey where they end in different motions."""
+    """Draw the section points of branches; grey where the diagram shows hysteresis."""
     for low, high in _spans(diagram.axis.values, diagram.hysteresis()):
         axes.axvspan(low, high, color=GREY, alpha=0.18, linewidth=0, zorder=0)
     for branch in branches:
         colour, label = LOOKS[branch.start]
         periodic = branch.period > 0
-        # The first is drawn larger: it shows as a rim where the next one covers it.
+        # Points of all but the last branch are larger: they show as a rim where it covers them.
         rim = 8.0 if branch is not branches[-1] else 1.6
         for rows, size in ((~periodic, 0.35), (periodic, rim)):
             x, y = branch.point_values[rows].ravel(), branch.points[rows].ravel()
@@ -73,7 +76,10 @@ def draw_branches(axes: Axes, diagram: Diagram, branches: list[Branch], title: s
 
 
 def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
-    """Exponent of what keeps left and right alike, and dotted of what parts them."""
+    """Draw the largest exponents of left-right symmetric and of antisymmetric perturbations.
+
+    Where the first is not known, the largest exponent of all perturbations is drawn instead.
+    """
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     alone = len(branches) == 1
     for branch in branches:
@@ -97,7 +103,7 @@ def _legend(axes: Axes, ncols: int) -> None:
 
 
 def _spans(values: tuple[float, ...], chosen: Flags) -> list[tuple[float, float]]:
-    """Stretches of the axis around neighbouring chosen values."""
+    """Return the ends of each stretch of consecutive chosen values, widened by half a step."""
     places = np.array(values)
     half = np.diff(places).mean() / 2.0 if len(places) > 1 else 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))

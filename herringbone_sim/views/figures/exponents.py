@@ -22,7 +22,10 @@ SIGMAS = 2.0
 
 
 def exponents_figure(comparison: ExponentComparison, title: str) -> Figure:
-    """Four panels; the lower left one shows the spectrum for a motion that is not symmetric.
+    """Draw the Lyapunov exponents of one motion by several methods in four panels.
+
+    The lower left panel compares symmetric and antisymmetric perturbations; for a motion without
+    left-right symmetry it shows the spectrum instead.
 
     Args:
         comparison: results of all methods.
@@ -47,7 +50,7 @@ def exponents_figure(comparison: ExponentComparison, title: str) -> Figure:
 
 
 def draw_convergence(axes: Axes, spectrum: Growth) -> None:
-    """Running means of all exponents; the bands hold two standard errors of the last ones."""
+    """Draw running means of all exponents; bands: final values ± two standard errors."""
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     cycles = np.arange(1, len(spectrum.running) + 1)
     colours = _shades(len(spectrum.exponents))
@@ -60,7 +63,7 @@ def draw_convergence(axes: Axes, spectrum: Growth) -> None:
 
 
 def draw_distances(axes: Axes, comparison: ExponentComparison) -> None:
-    """Largest exponent from two trajectories; the band is that of the tangent flow."""
+    """Draw the largest exponent by two trajectories over their distance, and by tangent flow."""
     value, error = comparison.spectrum.exponents[0], SIGMAS * comparison.spectrum.errors[0]
     axes.axhspan(value - error, value + error, color=BLUE, alpha=0.2, linewidth=0)
     axes.axhline(value, color=BLUE, label="tangent flow")
@@ -76,7 +79,7 @@ def draw_distances(axes: Axes, comparison: ExponentComparison) -> None:
 
 
 def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
-    """Histograms of finite-time exponents of symmetric and of antisymmetric perturbations."""
+    """Draw histograms of finite-time exponents of symmetric and of antisymmetric perturbations."""
     values = [one.finite_time(STRETCH)[:, 0] for one in (within, transverse)]
     edges = _edges(np.concatenate(values))
     names = ("left and right alike", "left and right part")
@@ -93,7 +96,7 @@ def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
 
 
 def draw_spectrum(axes: Axes, spectrum: Growth) -> None:
-    """All exponents with two standard errors."""
+    """Draw all Lyapunov exponents with two standard errors."""
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     index = np.arange(1, len(spectrum.exponents) + 1)
     look: Any = {"fmt": "o", "ms": 4, "color": BLUE, "elinewidth": 0.8}
@@ -102,7 +105,7 @@ def draw_spectrum(axes: Axes, spectrum: Growth) -> None:
 
 
 def draw_zero_one(axes: Axes, comparison: ExponentComparison) -> None:
-    """Correlation at each frequency of the 0-1 test: near 1 for chaos, near 0 for order."""
+    """Draw the correlation at each frequency of the 0-1 test: near 1 chaotic, near 0 regular."""
     test = comparison.zero_one
     for level in (0.0, 1.0):
         axes.axhline(level, color=GREY, linewidth=0.8)
@@ -114,7 +117,7 @@ def draw_zero_one(axes: Axes, comparison: ExponentComparison) -> None:
 
 
 def _draw_walk(axes: Axes, series: Array, test: ZeroOne) -> None:
-    """Inset with the walk at the frequency whose correlation is nearest to the median."""
+    """Draw an inset with the walk at the frequency whose correlation is nearest to the median."""
     nearest = int(np.argmin(np.abs(test.correlations - test.K)))
     walk = walks(series - series.mean(), test.frequencies[nearest : nearest + 1])[:, 0]
     inset = axes.inset_axes((0.1, 0.05, 0.4, 0.36) if test.K < 0.5 else (0.1, 0.05, 0.4, 0.78))

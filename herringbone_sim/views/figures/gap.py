@@ -1,4 +1,4 @@
-"""Figures of a gap report: mesh forces, residual over the mesh phase and by point, contact."""
+"""Figures of a gap report: mesh forces, residual by mesh phase and operating point, contact."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ STATES = (("driving flank", BLUE), ("apart", "#dde1e6"), ("back flank", ORANGE))
 
 @dataclass(frozen=True)
 class GapArrays:
-    """Content of the figures; each part may be missing.
+    """Data of the figures of a gap report; a figure without data is not drawn.
 
     Attributes:
         phase: (n_phase,) mesh phase [rad].
         residual_n: (n_phase, 12) mean residual of the force at that phase [N], meshes in the
             order of the channels.
-        contact: (12, 3) share of time on the driving flank, apart, on the back flank.
-        shares: by factor, such as the temperature rise, the share of the residual by value.
-        forces: of the twelve meshes in a run, from few channels.
+        contact: (12, 3) fraction of time on the driving flank, apart, on the back flank.
+        shares: factor, such as the temperature rise -> its value as text -> fraction of the
+            squared residual above noise that runs at this value have.
+        forces: of the twelve meshes in a run, reconstructed from few channels.
     """
 
     phase: Array | None = None
@@ -44,7 +45,7 @@ class GapArrays:
 
 
 def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
-    """Write ``figures/gap_*.png`` and ``.svg`` of the parts that are present.
+    """Write ``figures/gap_*.png`` and ``.svg`` of the data present; return the pictures.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -81,7 +82,7 @@ def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
 
 
 def residual_figure(phase: Array, residual_n: Array) -> Figure:
-    """A panel per planet and kind of mesh with both sides; phase (n,), residual (n, 12) [N]."""
+    """Draw a residual (n, 12) [N] over the mesh phase (n,) [rad], a panel per planet and kind."""
     figure = Figure(figsize=(9.6, 4.2))
     panels = figure.subplots(len(KINDS), len(PLANETS), sharex=True, sharey=True)
     for row, kind in enumerate(KINDS):
@@ -99,7 +100,7 @@ def residual_figure(phase: Array, residual_n: Array) -> Figure:
 
 
 def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
-    """A panel of bars per factor: share of the residual at each value."""
+    """Draw a panel of bars per factor: fraction of the residual at each value of the factor."""
     figure = Figure(figsize=(9.6, 2.4 * -(-len(shares) // 3)))
     panels = figure.subplots(-(-len(shares) // 3), 3, squeeze=False).ravel()
     for axes in panels[len(shares) :]:
@@ -113,7 +114,7 @@ def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
 
 
 def contact_figure(contact: Array) -> Figure:
-    """Stacked bars of the contact shares (12, 3) of each mesh."""
+    """Draw the contact fractions (12, 3) of ``GapArrays.contact`` as a stacked bar per mesh."""
     figure = Figure(figsize=(9.6, 2.4))
     axes = figure.subplots()
     below = np.zeros(len(MESHES))

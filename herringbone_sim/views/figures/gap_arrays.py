@@ -1,4 +1,4 @@
-"""Content of the figures of a diagnosis, from its recalibrated fit runs."""
+"""Data of the figures of a gap report, from the fit runs of a diagnosis."""
 
 from __future__ import annotations
 
@@ -21,10 +21,15 @@ FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omeg
 def gap_arrays(
     calibrated: Calibrated, forces: ReconstructedForces | None = None
 ) -> GapArrays | None:
-    """Residual of the recalibrated law over the phase and by operating point; contact shares.
+    """Compute the data of the figures from the recalibrated force law of the fit runs.
 
-    Where no force law can be formed, reconstructed forces alone. None for a model without the
-    twelve meshes, or if there is nothing.
+    Args:
+        calibrated: fit runs with the calibration of the nominal gear.
+        forces: reconstructed forces to draw too.
+
+    Returns:
+        Data of all figures; the forces alone where the force law is not observed. None if there
+        are no forces either, or if the model does not have the twelve meshes.
     """
     runs = [case.run for case in calibrated.cases]
     if any(run.model.layout.meshes != MESHES for run in runs):
@@ -45,7 +50,10 @@ def gap_arrays(
 
 
 def mean_over_phase(phase: Array, residual: Array) -> Array:
-    """Mean (BINS, n_mesh) of a residual (n, n_mesh) over the mesh phase (n,) [rad]."""
+    """Average a residual (n, n_mesh) in BINS bins of the mesh phase (n,) [rad]: (BINS, n_mesh).
+
+    NaN in bins without samples.
+    """
     place = np.floor(np.mod(phase / (2.0 * np.pi), 1.0) * BINS).astype(int) % BINS
     count = np.bincount(place, minlength=BINS)
     sums = [np.bincount(place, weights=column, minlength=BINS) for column in residual.T]
@@ -54,12 +62,12 @@ def mean_over_phase(phase: Array, residual: Array) -> Array:
 
 
 def _excess(law: ForceLaw) -> float:
-    """Mean square of the residual above the noise floor, over the known meshes [N^2]."""
+    """Return the mean square residual above its noise variance, over recorded meshes [N^2]."""
     return max(float(np.nanmean(law.residual_n**2 - law.sigma_n**2)), 0.0)
 
 
 def _by(values: Sequence[float], excess: Sequence[float]) -> dict[str, float]:
-    """Share of the excess (n,) at each value (n,) of a factor, by value as text, ascending."""
+    """Return the fraction of the excess (n,) of n runs at each value of a factor, ascending."""
     total, shares = sum(excess), dict[str, float]()
     for value, part in sorted(zip(values, excess, strict=True)):
         shares[figure(value)] = shares.get(figure(value), 0.0) + part / total
@@ -67,7 +75,7 @@ def _by(values: Sequence[float], excess: Sequence[float]) -> dict[str, float]:
 
 
 def _contact(laws: Sequence[ForceLaw]) -> Array:
-    """Share of time (n_mesh, 3) on the driving flank, apart, on the back flank."""
+    """Return the fraction of time (n_mesh, 3) on the driving flank, apart, on the back flank."""
     on = np.concatenate([law.contact for law in laws])
     drives = np.concatenate([law.x_m > 0.0 for law in laws])
     drive, back = (on * drives).mean(axis=0), (on * ~drives).mean(axis=0)

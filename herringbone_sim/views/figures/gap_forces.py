@@ -10,13 +10,13 @@ from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedF
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE
 from herringbone_sim.views.pages.gear_drawing import PLANETS
 
-SHOWN_CYCLES = 4.0  # mesh cycles at the end of the windows
+SHOWN_CYCLES = 4.0  # mesh cycles drawn, the last of the fitted windows
 
 
 def forces_figure(forces: ReconstructedForces) -> Figure:
-    """A panel per planet and kind of mesh: force of both sides with its 90 % band.
+    """Draw the forces of both sides with 90 % band, a panel per planet and mesh kind.
 
-    Titles have the median half-width of the band.
+    Titles give the median half-width of the band.
     """
     cycles = (forces.phase - forces.phase[0]) / (2.0 * np.pi)
     shown = cycles >= cycles[-1] - SHOWN_CYCLES
@@ -43,7 +43,7 @@ def forces_figure(forces: ReconstructedForces) -> Figure:
 
 
 def forces_caption(forces: ReconstructedForces) -> str:
-    """A sentence: forces of which run by which gear, and whether planets are told apart."""
+    """Return the caption: run, effects of the gear, and whether planets are interchangeable."""
     gear = " and ".join(forces.effects)
     gear = f"the gear with {gear}" if gear else "the calibrated gear"
     alike = "; which planet is which can't be told" if forces.planets_alike else ""

@@ -18,7 +18,7 @@ LOG_RATIO = 30.0  # of largest and smallest value, above which the axis is logar
 
 
 def write_law_figures(folder: Path, laws: Sequence[LearnedLaw]) -> list[Picture]:
-    """Write ``figures/gap_law_*.png`` and ``.svg`` of laws.
+    """Write ``figures/gap_law_*.png`` and ``.svg``, a figure per law; return the pictures.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -35,7 +35,7 @@ def write_law_figures(folder: Path, laws: Sequence[LearnedLaw]) -> list[Picture]
 
 
 def law_figure(law: LearnedLaw) -> Figure:
-    """Curve of a law with its band."""
+    """Draw the curve of a law with its 90 % band."""
     figure = Figure(figsize=(6.4, 3.4))
     axes = figure.subplots()
     axes.fill_between(law.x, law.low, law.high, color=BLUE, alpha=0.25, linewidth=0)

@@ -51,12 +51,12 @@ PERIOD_COLOURS = {
 }
 HATCH = "//////"
 LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
-LISTED = 1e-3  # least share of the map of a period in the legend
+LISTED = 1e-3  # least fraction of the cells at which a period is in the legend
 STRETCH = 99.0  # percentile of the exponents at which the colours saturate
 
 
 def period_places(period: Array) -> Array:
-    """Place of each period in (0, *PERIOD_COLOURS); NaN where it is none of them."""
+    """Return the index of each period in (0, *PERIOD_COLOURS); NaN for any other period."""
     places = np.full(period.shape, np.nan)
     for place, value in enumerate([0, *PERIOD_COLOURS]):
         places[period == value] = place
@@ -64,10 +64,12 @@ def period_places(period: Array) -> Array:
 
 
 def write_maps(folder: Path, result: Result) -> list[Path]:
-    """Write the maps ``period``, ``exponent``, ``contact``, and all as ``map``, as PNG and SVG.
+    """Write the maps ``period``, ``exponent``, ``contact``, and all side by side as ``map``.
+
+    Each as PNG and SVG; without exponents there is no map ``exponent``. Returns the paths.
 
     Raises:
-        AnalysisError: the sweep has not two axes, or no run succeeded.
+        AnalysisError: the sweep has not two axes of two values or more, or no run succeeded.
     """
     if len(result.axes) != 2 or min(result.sweep.shape) < 2:
         raise AnalysisError(
@@ -86,15 +88,15 @@ def write_maps(folder: Path, result: Result) -> list[Path]:
 
 
 def save_map(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a map as ``name.png`` and ``name.svg`` into a folder; returns both paths."""
+    """Write a figure as ``name.png`` and ``name.svg`` into a folder; return both paths."""
     return [*save(figure, folder, name, DPI, FRAMED_STYLE)]
 
 
 def draw_period(axes: Axes, result: Result) -> None:
-    """Period by colour, aperiodic motions dark, failed values white.
+    """Draw the period by colour, aperiodic motions dark, failed runs white.
 
     Hatched: periodic motions with a positive exponent, which are reached only because left and
-    right start alike.
+    right start equal.
     """
     period = result["period"]
     colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
@@ -130,7 +132,7 @@ def _hatch_unstable(axes: Axes, result: Result) -> bool:
 
 
 def draw_exponent(axes: Axes, result: Result) -> None:
-    """Largest exponent by colour: white at zero, red above, blue below."""
+    """Draw the largest exponent by colour: white at zero, red above, blue below."""
     exponent = result["exponent"]
     norm = exponent_norm(exponent)
     low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
@@ -145,14 +147,14 @@ def draw_exponent(axes: Axes, result: Result) -> None:
 
 
 def exponent_norm(exponents: Array) -> TwoSlopeNorm:
-    """Colour scale with 0 in the middle, from the 1st to the 99th percentile."""
+    """Return a colour scale centred at 0 from the 1st to the 99th percentile of the exponents."""
     known = exponents[np.isfinite(exponents)]
     low, high = np.percentile(known, [100.0 - STRETCH, STRETCH]) if known.size else (0.0, 0.0)
     return TwoSlopeNorm(0.0, min(float(low), -1e-3), max(float(high), 1e-3))
 
 
 def draw_contact(axes: Axes, result: Result) -> None:
-    """Loss of contact: hue by the number of flanks, depth by the share of the time apart."""
+    """Draw loss of contact: hue by number of flanks, depth by the fraction of time apart."""
     apart = (result["sun_separated"] + result["ring_separated"]) / 2.0
     loss = result["contact_loss"]
     _mesh(axes, result, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
@@ -192,6 +194,6 @@ def _figure(
 
 
 def _mesh(axes: Axes, result: Result, values: Array, **look: Any) -> Any:
-    """Cells coloured by values (n, m); the second axis is vertical."""
+    """Draw cells coloured by values (n, m), the second axis vertical; return their collection."""
     edges = [cell_edges(np.array(axis.values)) for axis in result.axes]
     return axes.pcolormesh(edges[0], edges[1], values.T, rasterized=True, **look)

@@ -1,4 +1,4 @@
-"""Time course, phase portrait, Poincaré section and spectrum; bifurcation diagram, exponents."""
+"""Figures of recorded motions: four panels of a segment; bifurcation diagram, exponents."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from herringbone_sim.views.figures.text import plain_text
 
 
 def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
-    """Time course, phase portrait, Poincaré section and spectrum of one mesh in one segment."""
+    """Draw time course, phase portrait, Poincaré section and spectrum of a mesh in one segment."""
     half_backlash_m = (result.half_backlash_m or {}).get(mesh[:2])
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.4))
@@ -51,7 +51,7 @@ def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
 
 
 def motion_title(result: SegmentResult) -> str:
-    """Segment number, period and operating point in one line."""
+    """Return segment number, kind of motion and operating point as one line of text."""
     point = [
         f"{PARAMETER_SYMBOLS.get(name, plain_text(name))} = {value:.5g}"
         for name, value in result.segment.point.items()
@@ -63,7 +63,7 @@ def motion_title(result: SegmentResult) -> str:
 def draw_time_course(
     axes: Axes, result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None
 ) -> None:
-    """Displacement over the last 24 cycles, or over three periods if these are longer."""
+    """Draw the displacement over 24 mesh cycles, or 3 periods if longer; grey: flanks apart."""
     cycles = max(SHOWN_CYCLES, 3 * (result.period.value or 0))
     times, x, _ = _interpolated(result.motion, mesh, cycles)
     axes.plot((times - times[0]) / scale.time, x / scale.x, color=BLUE)
@@ -75,7 +75,7 @@ def draw_time_course(
 def draw_phase_portrait(
     axes: Axes, result: SegmentResult, mesh: str, scale: Scale, half_backlash_m: float | None
 ) -> None:
-    """Rate over displacement; grey where the flanks are apart."""
+    """Draw velocity over displacement in the last 2 periods, or 160 cycles; grey: flanks apart."""
     cycles = 2 * result.period.value if result.period.value else PORTRAIT_CYCLES
     _, x, v = _interpolated(result.motion, mesh, cycles)
     width = 1.2 if result.period.value else 0.35
@@ -86,7 +86,7 @@ def draw_phase_portrait(
 
 
 def draw_poincare(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) -> None:
-    """Section points, one per mesh cycle."""
+    """Draw the Poincaré section of a mesh, one point per mesh cycle."""
     column = result.motion.meshes.index(mesh)
     x, v = result.section.x[:, column] / scale.x, result.section.v[:, column] / scale.v
     size = 14.0 if result.period.value else 1.2 if len(x) > 1000 else 4.0
@@ -96,7 +96,7 @@ def draw_poincare(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) ->
 
 
 def draw_spectrum(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) -> None:
-    """Amplitude over mesh order, up to order 5, with the lines h / n marked at the foot."""
+    """Draw the amplitude over mesh order up to 5; marks at the foot: orders h / n, period n."""
     spectrum = result.spectrum
     axes.set(title="spectrum", xlabel=r"frequency / mesh frequency", ylabel=scale.x_label(mesh))
     if spectrum is None:
@@ -123,7 +123,7 @@ def draw_spectrum(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) ->
 
 
 def bifurcation_figure(diagram: BifurcationDiagram, scale: Scale) -> Figure:
-    """Bifurcation diagram over its largest exponents, where there are any."""
+    """Draw a bifurcation diagram above its largest exponents, if any is known."""
     with matplotlib.rc_context(STYLE):
         parts = 2 if has_exponents(diagram) else 1
         figure = Figure(figsize=(7.2, 3.0 + 2.2 * (parts - 1)))
@@ -137,13 +137,13 @@ def bifurcation_figure(diagram: BifurcationDiagram, scale: Scale) -> Figure:
 
 
 def has_exponents(diagram: BifurcationDiagram) -> bool:
-    """Whether any exponent, from data or model, is a number."""
+    """Return whether any exponent, from data or model, is known."""
     both = np.concatenate((diagram.exponents[:, 0], diagram.model_exponents[:, 0]))
     return bool(np.isfinite(both).any())
 
 
 def draw_bifurcation(axes: Axes, diagram: BifurcationDiagram, scale: Scale) -> None:
-    """Section displacements over the parameter; blue where it was reached from above."""
+    """Draw section displacements over the parameter; blue where the parameter was falling."""
     size = 1.5 if sum(map(len, diagram.points)) > 4000 else 3.0
     for falling, colour, label in ((False, INK, "rising"), (True, BLUE, "falling")):
         at = np.flatnonzero(diagram.falling == falling)
@@ -159,7 +159,10 @@ def draw_bifurcation(axes: Axes, diagram: BifurcationDiagram, scale: Scale) -> N
 
 
 def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
-    """Exponents from data, with 90 % intervals, and of the model; per tau where that is known."""
+    """Draw exponents from data, with 90 % intervals, and of the model.
+
+    Per tau if omega_n is known in all segments, else per mesh cycle.
+    """
     per_tau = bool(np.isfinite(diagram.cycles_per_tau).all())
     rate = diagram.cycles_per_tau if per_tau else np.ones(len(diagram.values))
     falling = diagram.falling
@@ -183,7 +186,10 @@ def draw_exponents(axes: Axes, diagram: BifurcationDiagram) -> None:
 
 
 def representatives(results: Sequence[SegmentResult]) -> list[SegmentResult]:
-    """At most six segments to draw: one of each period first, the longest of each."""
+    """Choose up to six segments to draw: the longest of each period, then the longest others.
+
+    They have a spectrum; ramps are chosen only if no other segment has one.
+    """
     drawable = [r for r in results if r.spectrum is not None and not r.segment.ramp]
     drawable = drawable or [r for r in results if r.spectrum is not None]
     longest = sorted(drawable, key=lambda r: -r.segment.cycles)
@@ -194,10 +200,10 @@ def representatives(results: Sequence[SegmentResult]) -> list[SegmentResult]:
 
 
 def _interpolated(motion: Motion, mesh: str, cycles: int) -> tuple[Array, Array, Array]:
-    """Times [s], x [m] and v [m/s] of a mesh over the last ``cycles`` mesh cycles, to draw.
+    """Return times [s], x [m] and v [m/s] of a mesh over the last ``cycles`` mesh cycles.
 
-    ``PER_CYCLE`` points a cycle from the cubic that passes through x and v of the samples; the
-    samples themselves where there are more than half as many.
+    ``PER_CYCLE`` points a cycle, by cubic Hermite interpolation of x and v; the samples
+    themselves if they are more than half as dense.
     """
     column = motion.meshes.index(mesh)
     rows = min(len(motion), int(cycles * motion.samples_per_cycle) + 1)

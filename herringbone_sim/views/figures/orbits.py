@@ -47,16 +47,16 @@ SIDES_DIFFER = {
     (True, False): ("unstable, left ≠ right", GREY, "--", 0.9),
 }
 PERIOD_LINES: dict[int, Any] = {1: "-", 2: "--", 4: "-.", 8: ":", 16: (0, (1, 3))}
-ROOM = 0.03  # of the width of the axes, between the names of two boundaries
+ROOM = 0.03  # least distance of two boundary names, as a fraction of the axes' width
 Kind = tuple[bool, bool]
 
 
 def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: str) -> Figure:
-    """Figure of two panels over a parameter: branches above, their largest multipliers below.
+    """Draw two panels over a parameter: branches above, their largest multipliers below.
 
     Above: displacement of one mesh over b_c at phase 0, styled by stability, with the boundaries.
-    Below: largest |mu|^(1/n) of each branch, n its period, for perturbations that keep left and
-    right alike and for those that part them.
+    Below: largest |mu|^(1/n) of each branch, n its period, for symmetric and for transverse
+    (left-right antisymmetric) perturbations.
 
     Args:
         followed: branches with their boundaries, at least one.
@@ -81,11 +81,11 @@ def orbit_figure(followed: Sequence[Followed], parameter: str, mesh: int, name: 
 
 
 def stability_of(point: BranchPoint) -> str:
-    """Stability of an orbit in words, by its multipliers outside the unit circle.
+    """Return the stability of an orbit in words, by its multipliers outside the unit circle.
 
     Returns:
-        ``stable``: none; ``unstable``: of ``multipliers.within`` alone; ``transversally
-        unstable``: of ``multipliers.transverse`` alone; ``unstable both ways``: of both.
+        ``stable`` if there are none; ``unstable`` if only of ``multipliers.within``;
+        ``transversally unstable`` if only of ``multipliers.transverse``; ``unstable both ways``.
     """
     return STABILITY[_kind(point)][0]
 
@@ -96,12 +96,12 @@ def _kind(point: BranchPoint) -> Kind:
 
 
 def _look(traced: Followed, kind: Kind) -> tuple[str, str, str, float]:
-    """Label, colour, line and width of a stretch of a branch."""
+    """Return label, colour, line style and line width of a branch with a kind of stability."""
     return (STABILITY if traced.symmetric else SIDES_DIFFER)[kind]
 
 
 def section_displacements(traced: Followed, points: Sequence[BranchPoint], mesh: int) -> Array:
-    """Relative displacements (n, period) [b_c] of mesh number ``mesh`` at phase 0 of n orbits."""
+    """Return displacements (n, period) / b_c of mesh number ``mesh`` at phase 0 of n orbits."""
     flow_at = traced.curve.family.flow_at
     return np.array([section(flow_at(p.value), p.orbit.points)[0][:, mesh] for p in points])
 
@@ -123,7 +123,7 @@ def _draw_branches(axes: Axes, followed: Sequence[Followed], mesh: int) -> None:
 
 
 def _pieces(traced: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
-    """Parts of a branch with one kind of stability; each ends at the boundary beside it."""
+    """Split a branch into stretches of one kind of stability that end at its boundaries."""
     changes = {boundary.index: boundary.point for boundary in traced.boundaries}
     piece: list[BranchPoint] = []
     for i, point in enumerate(traced.branch.points):
@@ -136,7 +136,7 @@ def _pieces(traced: Followed) -> Iterator[tuple[Kind, list[BranchPoint]]]:
 
 
 def _draw_multipliers(axes: Axes, followed: Sequence[Followed]) -> None:
-    """Largest moduli |mu|^(1/n), symmetric and transverse: growth per period of the forcing."""
+    """Draw the largest |mu|^(1/n), symmetric and transverse: growth per period of the forcing."""
     for traced in followed:
         values = [point.value for point in traced.branch.points]
         line = PERIOD_LINES.get(traced.period, ":")
@@ -157,7 +157,7 @@ def _draw_multipliers(axes: Axes, followed: Sequence[Followed]) -> None:
 
 
 def _name_boundaries(axes: Axes, boundaries: Sequence[Boundary]) -> None:
-    """Names above the axes, moved apart, with a line from each to its place."""
+    """Write the boundary names above the axes without overlap, with a line to each value."""
     low, high = axes.get_xlim()
     named = {(b.kind, b.period, round(b.value, 6)): b for b in boundaries}
     ordered = sorted(named.values(), key=lambda b: b.value)
@@ -175,7 +175,7 @@ def _name_boundaries(axes: Axes, boundaries: Sequence[Boundary]) -> None:
 
 
 def _apart(places: Array, room: float) -> Array:
-    """Ascending places (n,), moved as little as possible so that neighbours are ``room`` apart."""
+    """Shift ascending positions (n,) as little as needed for distances of ``room`` or more."""
     groups: list[tuple[float, int]] = []
     for place in places:
         group = (float(place), 1)

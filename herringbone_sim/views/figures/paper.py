@@ -1,4 +1,4 @@
-"""The paper's figures beside what it says: motions published and obtained over each sweep."""
+"""Figures of the reproduction of the paper: published and obtained motions over each sweep."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ X_LABEL = r"$x_{\mathrm{sp}}^{\mathrm{L}}$ / $b_c$"
 
 
 def colour(motion: int) -> str:
-    """Colour of a motion: chaos, periods 1 to 4, any other period."""
+    """Return the colour of a motion, given by its period, 0 for chaos, -1 for a failed run."""
     return COLOURS.get(motion, OTHER)
 
 
 def sweep_figure(scenario: Scenario, sweep: Sweep) -> Figure:
-    """Motions published and obtained, bifurcation diagram, largest exponent."""
+    """Draw published and obtained motions, bifurcation diagram and exponents of a sweep."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.6))
         strips, diagram, exponents = figure.subplots(
@@ -57,7 +57,7 @@ def sweep_figure(scenario: Scenario, sweep: Sweep) -> Figure:
 
 
 def pair_figure(pairs: Sequence[tuple[Scenario, Sweep]]) -> Figure:
-    """Fig. 20: bifurcation diagrams of the controlled scenarios side by side."""
+    """Draw Fig. 20 of the paper: bifurcation diagrams of the controlled scenarios side by side."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 3.6))
         axes = figure.subplots(
@@ -76,7 +76,10 @@ def pair_figure(pairs: Sequence[tuple[Scenario, Sweep]]) -> Figure:
 
 
 def raster_figure(scenario: Scenario, rows: Mapping[str, Sweep]) -> Figure:
-    """Motions over the sweep, a row for the paper and one for every way to start and step."""
+    """Draw the motions over a sweep: a row for the paper, and one per sweep of ``rows``.
+
+    ``rows``: name of a start or step size -> sweep obtained with it.
+    """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 1.1 + 0.2 * (len(rows) + 1)))
         axes = figure.subplots()
@@ -128,7 +131,7 @@ def _row(axes: Axes, sweep: Sweep, at: int) -> None:
 
 
 def _bifurcation(axes: Axes, scenario: Scenario, sweep: Sweep) -> None:
-    """Up to 64 section points a value, 16 where the motion is periodic."""
+    """Draw section points, the last 16 of periodic motions; dashed: published boundaries."""
     for periodic, size in ((False, 0.5), (True, 1.2)):
         at = np.flatnonzero((sweep.motions > 0) == periodic)
         x = sweep.x[at, -SHOWN:] if periodic else sweep.x[at]
@@ -163,7 +166,10 @@ def _legend(figure: Figure, motions: Sequence[int]) -> None:
 
 
 def widen_section(figure: Figure, result: SegmentResult) -> None:
-    """Set the limits of a periodic section to its points, or they lie on each other."""
+    """Zoom the section in a ``motion_figure`` to its points if the motion is periodic.
+
+    With the limits of the phase portrait the points could not be distinguished.
+    """
     if not result.period.value:
         return
     axes = figure.axes[2]

@@ -1,4 +1,4 @@
-"""Style, labels and units that all figures share; writes figures to files."""
+"""Style, labels and units of all figures; writes figures to files."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Scale:
 
 
 def parameter_label(name: str) -> str:
-    """Axis label of a parameter with symbol and unit; another name stands as it is."""
+    """Return the axis label of a parameter: symbol or name, with its unit if it has one."""
     if name in PARAMETER_LABELS:
         return PARAMETER_LABELS[name]
     unit = meaning(name).unit if name in names() else "-"
@@ -117,7 +117,7 @@ def parameter_label(name: str) -> str:
 
 
 def cell_edges(values: Array) -> Array:
-    """Edges (n + 1,) of cells around values (n,), n >= 2: the middles, and half a step outside."""
+    """Return edges (n + 1,) of cells around n >= 2 values: midpoints, and half a step outside."""
     half = np.diff(values) / 2.0
     ends = [values[0] - half[0]], [values[-1] + half[-1]]
     return np.concatenate([ends[0], values[:-1] + half, ends[1]])
@@ -130,7 +130,7 @@ def save(
 
     Args:
         dpi: of the PNG file, and of what is rasterised in the SVG file.
-        style: that the figure was drawn with.
+        style: Matplotlib rc parameters that the figure was drawn with.
     """
     paths = folder / f"{name}.png", folder / f"{name}.svg"
     with matplotlib.rc_context(style):

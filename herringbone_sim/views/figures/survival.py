@@ -1,4 +1,4 @@
-"""Figure of ``survival``: shares of random starts, and exponents of the motion from rest."""
+"""Figure of ``survival``: final motions of random starts, exponents of the motion from rest."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LETTER = 0.013  # width of a letter over that of the axes
 
 
 def survival_figure(name: str, values: Array, results: Sequence[Survival]) -> Figure:
-    """Stacked shares with the name of the motion from rest above them, and two exponents.
+    """Draw the final motions of random starts, and exponents of the motion from rest.
 
     Args:
         name: of the parameter.
@@ -48,7 +48,7 @@ def survival_figure(name: str, values: Array, results: Sequence[Survival]) -> Fi
 
 
 def draw_fates(axes: Axes, values: Array, results: Sequence[Survival]) -> None:
-    """Stacked shares of the starts by the motion they reach; the rest failed."""
+    """Draw the stacked fractions of starts by final motion; the rest to 100 % failed."""
     shares = 100.0 * np.array([result.counts / result.starts for result in results])
     edges, base = cell_edges(values), np.zeros(len(values))
     for share, colour, fate in zip(shares.T, COLOURS, FATES, strict=True):
@@ -61,7 +61,7 @@ def draw_fates(axes: Axes, values: Array, results: Sequence[Survival]) -> None:
 
 
 def draw_stability(axes: Axes, values: Array, results: Sequence[Survival]) -> None:
-    """Largest exponents of the motion from rest, with two standard errors."""
+    """Draw the symmetric and transverse exponents of the motion from rest, ± 2 standard errors."""
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     rows = (
         (np.array([result.within for result in results]), BLUE, "left and right alike"),

@@ -1,4 +1,4 @@
-"""Texts in figures; Matplotlib typesets what stands between two ``$`` as a formula."""
+"""Texts in figures; Matplotlib typesets text between two ``$`` as a formula."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ _MAX_LETTERS = 60  # of an axis label
 
 
 def plain_text(text: str) -> str:
-    """Text from a file as one line that Matplotlib draws literally, shortened to 60 letters."""
+    """Return a text as one line that Matplotlib draws literally, at most 60 characters."""
     line = " ".join(text.split())
     line = line if len(line) <= _MAX_LETTERS else f"{line[: _MAX_LETTERS - 3]}..."
     return line.replace("$", r"\$")
 
 
 def mesh_symbol(symbol: str, mesh: str) -> str:
-    """Formula of a quantity of a mesh, such as ``x`` or ``\\dot x``, with the mesh as index.
+    """Return the formula of a quantity, ``x`` or ``\\dot x``, with the mesh and side as indices.
 
-    A name of another form is drawn literally behind the letter.
+    A mesh name of another form than ``sp1_L`` is returned literally, as ``x_name`` or ``v_name``.
     """
     parts = _OF_A_MESH.fullmatch(mesh)
     if parts is None:

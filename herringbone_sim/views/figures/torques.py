@@ -1,4 +1,4 @@
-"""Figures of ``control``: torques that realise it, and its robustness."""
+"""Figures of the study ``control``: torques that realise a control, and its robustness."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MESH_LABELS = (
     *(r"$\mathrm{sp}^\mathrm{L}$", r"$\mathrm{sp}^\mathrm{R}$"),
     *(r"$\mathrm{rp}^\mathrm{L}$", r"$\mathrm{rp}^\mathrm{R}$"),
 )
-MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # others: a diamond
+MARKS: dict[float, str] = {1.0: "o", 2.0: "s"}  # by period; others: a diamond
 
 
 def realisation_figure(
@@ -31,14 +31,14 @@ def realisation_figure(
     demands: Sequence[TorqueDemand],
     T_1: float,
 ) -> Figure:
-    """Left: share of K on each mesh by each actuator. Right: its least torque, and the rated T_1.
+    """Draw the pattern of each actuator (part of K on each mesh) and the least torque it needs.
 
     Args:
-        single: actuators of like bodies: carrier, sun, planets, or one side of these.
-        substitutes: other actuators with the carrier's shares of K; their torque is scaled from
-            its demands.
+        single: actuators of one kind of body: carrier, sun, planets, or one side of these.
+        substitutes: other actuators with the pattern of the carrier; their torque is scaled from
+            the demands of the carrier.
         demands: of ``single``, for P1 and P2 from all starts.
-        T_1: input torque, on the sun [N m].
+        T_1: rated input torque, on the sun [N m].
     """
     ways = [*single, *substitutes]
     with matplotlib.rc_context(FRAMED_STYLE):
@@ -95,7 +95,13 @@ def _draw_torques(
 def robustness_figure(
     across: Survey, shares: Sequence[StartShares], cases: Sequence[Survival]
 ) -> Figure:
-    """Transverse exponent, starts with unequal halves, and gears with unequal halves."""
+    """Draw transverse exponents, starts with unequal halves, and gears with unequal halves.
+
+    Args:
+        across: survey over a parameter and K; its first start is drawn.
+        shares: random starts at several temperature rises and K, for P1 and P2.
+        cases: gears with unequal halves, for P1 and P2.
+    """
     with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 6.8))
         (a, b), (c, d) = figure.subplots(2, 2)
@@ -110,7 +116,7 @@ def robustness_figure(
 
 
 def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
-    """Share of random starts that end in P1 with equal halves, or (broken) in P2 with unlike."""
+    """Draw the fraction of starts that end in P1 with equal halves; dashed: in P2 with unequal."""
     temperatures = sorted({s.values["delta_T"] for s in shares})
     for colour, delta_T in zip(COLOURS, temperatures, strict=False):
         once, twice = (
@@ -131,7 +137,10 @@ def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
 
 
 def _draw_survival(axes: Axes, cases: Sequence[Survival]) -> None:
-    """Distance of left and right over the difference: discs P1, squares P2, crosses lost."""
+    """Draw the left-right distance of the motion over the difference of the gear's halves.
+
+    Discs: P1, squares: P2, diamonds: other periods, crosses: reached from neither start.
+    """
     for colour, what in zip(COLOURS, dict.fromkeys(c.what for c in cases), strict=False):
         own = [c for c in cases if c.what == what]
         x, y = [100.0 * c.difference for c in own], [c.distance for c in own]

@@ -1,1 +1,1 @@
-"""What the Rerun viewer shows, live and from recordings."""
+"""Motion and diagnoses in the Rerun viewer, live and from recordings."""

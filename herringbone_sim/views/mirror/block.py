@@ -22,7 +22,7 @@ class Scale:
 
     Attributes:
         b_c: displacement scale b_c [m].
-        b_half: mesh kind (``sp``, ``rp``) -> half backlash b' [m]; a kind that is left out has no
+        b_half: mesh kind (``sp``, ``rp``) -> half backlash b' [m]; a missing kind has no
             contact state.
         omega_n: frequency scale [rad/s], 0 when unknown: velocities are then shown in m/s.
 
@@ -42,20 +42,20 @@ class Scale:
 
     @property
     def velocity(self) -> tuple[float, str]:
-        """Unit of velocity [m/s], and its text behind the name of the quantity."""
+        """Unit of velocity [m/s], and the text of that unit at the end of an axis label."""
         return (self.b_c * self.omega_n, " / (b_c ω_n)") if self.omega_n > 0 else (1.0, " [m/s]")
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What of each block is drawn, and in which units.
+    """Settings of the mirror: what is drawn of each block, and in which units.
 
     Attributes:
         layout: names of the meshes.
         scale: units and backlash; without it displacements are in micrometres and there is no
             contact state.
         burst_cycles: mesh cycles at the end of each block that are shown at full rate.
-        mesh: the mesh of the phase plane, the first of the layout that has data when empty.
+        mesh: mesh of the phase plane; empty: the first of the layout that has data.
 
     Raises:
         ParameterError: an unknown mesh, or ``burst_cycles`` below 1.
@@ -87,12 +87,12 @@ class MirrorBlock:
         names: c channel names as in ``Layout.channels``, any subset that has ``t``.
         rows: (n, c) samples at full rate, SI.
         sections: (m, c) samples at mesh phase 0, SI.
-        contact_shares: name -> share of time, or None when unknown.
+        contact_shares: mesh -> fraction of time in drive contact, or None when unknown.
         parameters: name -> value in force at the end of the block.
         events: lines of text, oldest first.
         regime: ``P1``, ``P2``, ..., ``chaotic``, or empty when unknown.
-        exponent: running largest Lyapunov exponent, NaN when unknown.
-        b_half: half backlash [m] by mesh kind where it changed from that of ``Scale``.
+        exponent: running largest Lyapunov exponent per tau, NaN when unknown.
+        b_half: mesh kind -> half backlash [m], which overrides that of ``Scale``.
 
     Raises:
         ParameterError: shapes and names disagree, or ``t`` is missing.
@@ -120,14 +120,14 @@ class MirrorBlock:
                 )
 
     def column(self, name: str) -> Array:
-        """Samples (n,) of a channel at full rate; ValueError when it is not there."""
+        """Samples (n,) of a channel at full rate; ValueError when it is missing."""
         return self.rows[:, self.names.index(name)]
 
     def at_section(self, name: str) -> Array:
-        """Samples (m,) of a channel at phase 0; ValueError when it is not there."""
+        """Samples (m,) of a channel at phase 0; ValueError when it is missing."""
         return self.sections[:, self.names.index(name)]
 
 
 def contact_states(x: Array, b_half: float) -> Indices:
-    """Index into ``STATES`` (n,) of displacements (n,) [m] in a backlash of 2 b' [m]."""
+    """Return contact states (n,), indices into ``STATES``; ``x`` (n,), ``b_half``: one unit."""
     return np.where(x > b_half, 0, np.where(x < -b_half, 2, 1))

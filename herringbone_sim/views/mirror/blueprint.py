@@ -16,12 +16,12 @@ Plane = tuple[str, float, float]
 
 @dataclass(frozen=True)
 class AvailableViews:
-    """Views that there is data for.
+    """Views for which the blocks have data.
 
     Attributes:
         names: channels of the blocks.
-        displacement_kinds, force_kinds: mesh kinds with that time course.
-        planes: entity path -> title, width and height of the diagrams in the plane.
+        displacement_kinds, force_kinds: mesh kinds with displacements, with forces.
+        planes: entity path -> title, width and height of each two-dimensional diagram.
         window_s: length of the time courses [s].
     """
 
@@ -33,7 +33,7 @@ class AvailableViews:
 
 
 def blueprint(available: AvailableViews) -> Any:
-    """Time courses and contact on the left, diagrams in the plane and text on the right."""
+    """Arrange time courses and contact on the left, two-dimensional diagrams and text right."""
     views = {path: plane_view(path, *plane) for path, plane in available.planes.items()}
     courses = [
         course_row(available, "displacement", "Displacement", "µm", available.displacement_kinds),
@@ -48,7 +48,7 @@ def blueprint(available: AvailableViews) -> Any:
 
 
 def arranged(views: Any, timeline: str, play_state: Any = None) -> Any:
-    """Blueprint of these views alone: the time line collapsed, all other panels hidden."""
+    """Return a blueprint of views, with the panel of ``timeline`` collapsed and others hidden."""
     return rrb.Blueprint(
         views,
         rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play_state),
@@ -60,14 +60,17 @@ def arranged(views: Any, timeline: str, play_state: Any = None) -> Any:
 
 
 def stack(parts: list[Any], shares: list[float]) -> Any:
-    """Views one below the other, without those that are None; None if all are."""
+    """Stack views with relative heights ``shares``, leaving out those that are None.
+
+    Returns None if all are.
+    """
     shares = [share for part, share in zip(parts, shares, strict=True) if part is not None]
     present = [part for part in parts if part is not None]
     return rrb.Vertical(*present, row_shares=shares) if present else None
 
 
 def side_by_side(*parts: Any) -> Any:
-    """Views beside one another, without those that are None; None if all are."""
+    """Place views side by side, leaving out those that are None; None if all are."""
     present = [part for part in parts if part is not None]
     return rrb.Horizontal(*present) if present else None
 
@@ -90,13 +93,13 @@ def course_row(
 
 
 def time_course(origin: str, name: str, **more: Any) -> Any:
-    """View of curves over time, with a grid."""
+    """Return a view of the curves under entity path ``origin`` over time, with a grid."""
     background = rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True)
     return rrb.TimeSeriesView(origin=origin, name=name, background=background, **more)
 
 
 def plane_view(path: str, title: str, width: float, height: float) -> Any:
-    """View of a diagram whose axes are drawn as data."""
+    """Return a view of a two-dimensional diagram, with room for labels around its box."""
     return rrb.Spatial2DView(
         origin=f"/{path}",
         name=title,
@@ -109,7 +112,7 @@ def plane_view(path: str, title: str, width: float, height: float) -> Any:
 
 
 def text_row() -> Any:
-    """Parameters and regime beside the log of events."""
+    """Return the view of parameters and regime beside the log of events."""
     return rrb.Horizontal(
         rrb.TextDocumentView(origin="/status", name="Parameters and regime"),
         rrb.TextLogView(
@@ -121,17 +124,17 @@ def text_row() -> Any:
 
 
 def window(window_s: float) -> Any:
-    """Time range of a view: the last ``window_s`` seconds before the time cursor."""
+    """Return the time range of a view: the last ``window_s`` seconds before the time cursor."""
     return rrb.VisibleTimeRange("sim_time", range=cursor_range(window_s))
 
 
 def time_axis(window_s: float) -> Any:
-    """A time axis that moves with the cursor."""
+    """Return a time axis of the last ``window_s`` seconds before the time cursor."""
     return rrb.TimeAxis(view_range=cursor_range(window_s))
 
 
 def cursor_range(window_s: float) -> Any:
-    """From ``window_s`` seconds before the time cursor up to it."""
+    """Return the range from ``window_s`` seconds before the time cursor up to it."""
     return rrb.TimeRange(
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-window_s),
         end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),

@@ -22,7 +22,7 @@ class Frame:
     Attributes:
         axes: the limits.
         x_label, y_label: quantities with their units.
-        border: half backlash in data units, or None.
+        border: half backlash in data units; None: no borders.
         border_across: whether displacement, and so the border, is on the y axis.
     """
 
@@ -57,7 +57,7 @@ def send_box(recording: Any, path: str, axes: Axes) -> None:
 
 
 def borders(frame: Frame) -> list[Any]:
-    """Lines (2, 2) at plus and minus the half backlash, those inside the box."""
+    """Return lines (2, 2) at plus and minus the half backlash, if inside the limits."""
     if frame.border is None:
         return []
     low, high = frame.axes.y if frame.border_across else frame.axes.x
@@ -71,6 +71,6 @@ def strips(lines: list[Any], colour: Colour, order: float) -> Any:
 
 
 def words(at: Any, texts: list[str], colours: list[Colour] | None = None) -> Any:
-    """Labels (k) centred at box coordinates (k, 2)."""
+    """Return a Rerun entity of k text labels centred at box coordinates (k, 2)."""
     where = np.asarray(at, dtype=np.float32).reshape(-1, 2)
     return rr.Points2D(where, labels=texts, colors=colours or [WORDS], radii=0.0, show_labels=True)

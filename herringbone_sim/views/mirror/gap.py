@@ -26,13 +26,14 @@ TIMELINE = "run_time"
 
 
 def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None:
-    """Send a diagnosis to an open sink: the gear and the verdict, then a tab a run.
+    """Send a diagnosis to an open sink: gear and verdict, then a tab per run.
 
-    A run has a column for the measurement, one for the nominal and one for the augmented model,
-    with the forces at the measured motion, the residuals, and the motion of the model itself.
+    A tab has columns for the measurement, the nominal and the augmented model, with forces at the
+    measured motion, residuals, and phase portraits of the measured and the simulated motions.
 
     Raises:
         ViewerError: the viewer has gone.
+        RuntimeError: the receiver takes no more data.
     """
     recording = sink.recording
     recording.set_log_tick_enabled(False)
@@ -51,7 +52,7 @@ def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None
 
 
 def verdict_text(diagnosis: Diagnosis) -> str:
-    """Verdict, causes and gap as a page of Markdown."""
+    """Return verdict, five most probable causes and gap of each run as a page of Markdown."""
     verdict, gap = diagnosis.report.verdict, diagnosis.report.gap
     named = ", ".join(verdict.effects)
     title = verdict.verdict if named in ("", verdict.verdict) else f"{verdict.verdict}: {named}"
@@ -91,7 +92,7 @@ def _send_run(recording: Any, view: RunView) -> RunLayout:
 
 
 def run_text(view: RunView) -> str:
-    """Operating point of a run, and notes on what is missing, as Markdown."""
+    """Return the operating point of a run, and notes on missing data, as Markdown."""
     point = [f"- {name} {value:.4g}" for name, value in view.run.point.items()]
     notes = [f"- {text}" for text in view.notes]
     return "\n".join([f"### {view.run.name}, {view.run.role}", "", *point, *notes])
@@ -100,7 +101,7 @@ def run_text(view: RunView) -> str:
 def _send_courses(
     recording: Any, view: RunView, kind: str, at: Sequence[int]
 ) -> dict[str, tuple[float, float]]:
-    """Forces and residuals of the meshes of a kind; returns the limits of both axes [kN]."""
+    """Send forces and residuals of meshes ``at`` of a kind; return limits of both axes [kN]."""
     measured = view.force["measured"]
     columns = {("force", name): view.force[name] for name in COLUMNS}
     columns |= {("residual", name): measured - view.force[name] for name in COLUMNS[1:]}
@@ -121,14 +122,14 @@ def _send_courses(
 
 
 def _portrayed(view: RunView) -> tuple[str, ...]:
-    """Name of the mesh with the largest residual as a tuple; empty if there is no motion."""
+    """Return the mesh with the largest nominal residual as a tuple; empty without motions."""
     if not view.planes:
         return ()
     return (view.meshes[int(np.argmax(np.nan_to_num(view.reduced_chi2["nominal"])))],)
 
 
 def _send_portraits(recording: Any, view: RunView, mesh: str) -> None:
-    """Phase portraits of a mesh on the same axes."""
+    """Send a phase portrait of a mesh for each column with a motion, with equal limits."""
     j = view.meshes.index(mesh)
     scales = view.run.model.scales
     unit = np.array([scales.b_c, scales.velocity_m_per_s])

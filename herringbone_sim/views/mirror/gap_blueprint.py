@@ -29,9 +29,9 @@ class RunLayout:
 
     Attributes:
         name, role: of the run.
-        kinds: mesh kind -> course -> limits of its axis [kN].
-        meshes: with phase portraits.
-        planes: columns that have a motion.
+        kinds: mesh kind -> ``force`` or ``residual`` -> limits of the axis [kN].
+        meshes: meshes with phase portraits.
+        planes: columns that have a motion, such as ``nominal``.
     """
 
     name: str
@@ -42,10 +42,11 @@ class RunLayout:
 
 
 def blueprint(gear: bool, runs: Sequence[RunLayout]) -> Any:
-    """Blueprint with a tab for verdict and gears, and a tab per run.
+    """Return a blueprint with a tab for verdict and gears, and a tab per run.
 
     Args:
         gear: whether there are drawings of the gear.
+        runs: views of each run.
     """
     tabs = rrb.Tabs(_overview(gear, runs), *(_run(run) for run in runs), active_tab=0)
     return arranged(tabs, "run_time")

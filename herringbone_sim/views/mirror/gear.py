@@ -1,4 +1,4 @@
-"""The gear in the plane, its meshes coloured by their share of a residual, as Rerun entities."""
+"""Drawing of the gear as Rerun entities, its meshes coloured by their part of a residual."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SIDE_NAMES = {"L": "left half", "R": "right half"}
 
 
 def send_gear(recording: Any, path: str) -> None:
-    """Draw what never changes: the bodies of both halves.
+    """Draw the static part: the bodies of both halves and their titles.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -38,7 +38,7 @@ def send_gear(recording: Any, path: str) -> None:
 
 
 def send_shares(recording: Any, path: str, shares: Mapping[str, float | None]) -> None:
-    """Colour the meshes by their share; None where it is not known."""
+    """Draw a spot at each mesh, coloured by its fraction of the residual; None: not known."""
     known = [share for share in shares.values() if share is not None]
     top = max([SATURATED, *known])
     at = np.concatenate([_spots(mesh) for mesh in shares]).astype(np.float32)
@@ -67,7 +67,7 @@ def _middle(side: str) -> tuple[float, float]:
 
 
 def _at(side: str, planet: str, radius: float) -> tuple[float, float]:
-    """A point on the ray of a planet; planet 1 on top, the others clockwise."""
+    """Return a point at a radius in the direction of a planet; planet 1 on top, then clockwise."""
     angle = -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
     x, y = _middle(side)
     return x + radius * math.cos(angle), y + radius * math.sin(angle)
@@ -80,7 +80,7 @@ def _bodies(side: str) -> list[tuple[tuple[float, float], float]]:
 
 
 def _spots(mesh: str) -> Array:
-    """Where a mesh sits (k, 2): one spot, or one a planet where they are not told apart."""
+    """Return the positions (k, 2) of a mesh: one, or one per planet if none is named."""
     head, _, side = mesh.partition("_")
     kind, number = head[:2], head[2:]
     radius = (SUN, RING)[KINDS.index(kind)]

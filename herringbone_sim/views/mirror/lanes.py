@@ -1,4 +1,4 @@
-"""Contact state of each mesh over the last cycles, as a coloured lane."""
+"""Contact state of each mesh over the last mesh cycles, as a coloured horizontal stripe."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ GAP_CLASS = len(STATES)
 
 
 class ContactLanes:
-    """Image of the contact states over time, a lane per mesh.
+    """Image of the contact states over time, a horizontal stripe per mesh.
 
     Contact on the drive and on the back flank has a colour each; dark: the teeth are apart.
 
     Args:
         recording: a ``rerun.RecordingStream``.
-        colours: mesh -> colour in which its name is written; the lanes are in this order.
+        colours: mesh -> colour of its name; the stripes are in this order.
     """
 
     def __init__(self, recording: Any, colours: Mapping[str, Colour]) -> None:
@@ -71,7 +71,7 @@ class ContactLanes:
         self.recording.log("contact/frame/ticks", words(ticks_at, texts))
 
     def _send_names(self) -> None:
-        """Mesh names beside their lanes, in two columns where one would be too narrow."""
+        """Write the mesh names, in two columns if more than six, and the key of states."""
         count = len(self.colours)
         left = [-20.0 if count > 6 and i % 2 else -8.0 for i in range(count)]
         at = [(left[i], (i + 0.5) * self._lane - 3.0) for i in range(count)]
@@ -83,7 +83,10 @@ class ContactLanes:
 
 
 def painted(states: Indices, times: Array, lane: int) -> NDArray[np.uint8]:
-    """Class image (n_mesh * lane, COLUMNS) of states (n_mesh, n); a line parts the lanes."""
+    """Return the class image (n_mesh * lane, COLUMNS) of states (n_mesh, n) at times (n,).
+
+    A mesh has ``lane`` rows, the last of which is a dark line.
+    """
     pick = np.searchsorted(times, np.linspace(times[0], times[-1], COLUMNS))
     image = np.repeat(states[:, pick].astype(np.uint8), lane, axis=0)
     image[lane - 1 :: lane] = GAP_CLASS
@@ -91,5 +94,5 @@ def painted(states: Indices, times: Array, lane: int) -> NDArray[np.uint8]:
 
 
 def lane_colour(state: str) -> Colour:
-    """Colour of a stretch of a lane."""
+    """Return the colour of a contact state in the image."""
     return LANE if state == "separated" else STATE_COLOURS[state]

@@ -21,7 +21,7 @@ class LiveMirror:
     """Sends comparisons to a viewer; after a failure of the viewer it sends nothing more.
 
     Args:
-        target: where it sends to; not ``off``.
+        target: viewer, server or file to send to; not ``off``.
 
     Attributes:
         state: ``running`` or ``failed: reason``.
@@ -40,7 +40,7 @@ class LiveMirror:
             self._fail(error)
 
     def show(self, picture: ComparisonResult, topics: tuple[str, ...] = ()) -> None:
-        """Send a comparison; ``topics`` is not used."""
+        """Send a comparison; ``topics`` is unused but passed to every output of ``gap live``."""
         if self._sink is None:
             return
         try:
@@ -55,7 +55,7 @@ class LiveMirror:
             self.state = "running"
 
     def close(self) -> str:
-        """Close the viewer's connection; a line with its address or the reason of a failure."""
+        """Close the connection; return a line with its address or the reason of a failure."""
         if self._sink is None:
             return f"mirror {self.state}"
         address = self._sink.address
@@ -109,7 +109,7 @@ class LiveMirror:
 
 
 def _groups(places: tuple[str, ...]) -> dict[str, list[int]]:
-    """Indices of meshes by kind, or of coordinates as one group."""
+    """Return the indices of meshes by kind; of coordinates all under ``bodies``."""
     of_meshes = [p for p in places if p in EVERY_MESH]
     if len(of_meshes) < len(places):
         return {"bodies": list(range(len(places)))}

@@ -17,7 +17,7 @@ FACTORS = ("kind", "side", "planet", "contact")
 
 
 def table(picture: ComparisonResult) -> str:
-    """The whole comparison as text, one line per mesh."""
+    """Return the whole comparison as text, one line per mesh or coordinate."""
     lines = [_source_line("rig", picture.rig), _source_line("simulator", picture.simulator)]
     residual = picture.residual
     if residual is not None:
@@ -37,7 +37,7 @@ def table(picture: ComparisonResult) -> str:
 
 
 def line(picture: ComparisonResult) -> str:
-    """One line: size and largest shares of the residual, or why there is none."""
+    """Return one line: size of the residual and where most of it is, or why there is none."""
     residual = picture.residual
     if residual is None:
         return "no residual: " + ("; ".join(picture.remarks) or "no samples yet")
@@ -47,7 +47,7 @@ def line(picture: ComparisonResult) -> str:
 
 
 def headline(residual: Residual) -> str:
-    """Line with the RMS residual before and after recalibration, and the noise floor."""
+    """Return a line with the RMS residual before and after recalibration, and the noise floor."""
     unit = UNITS[residual.metric]
     nominal, after, floor = (residual.rms(q) for q in ("nominal", "recalibrated", "floor"))
     word = "a gap" if exceeds_noise(residual) else "within the noise"
@@ -63,13 +63,13 @@ def exceeds_noise(residual: Residual) -> bool:
 
 
 def data(picture: ComparisonResult) -> dict[str, Any]:
-    """A live comparison of rig and simulator as a JSON-like dict, for the topic ``~/place``.
+    """Return a comparison of rig and simulator as a JSON-like dict, for the topic ``~/place``.
 
     Always: schema, state of both streams, remarks. With a residual: time [s], operating point,
     metric and unit, RMS residual (nominal, recalibrated, floor, signal), whether it exceeds the
     noise, and its distribution over places, kinds, sides, planets and contact. With comparable
-    motions: RMS force [N] and parts of the time in each contact, by mesh. What is not known is
-    left out.
+    motions: RMS force [N] and fractions of the time in each contact state, by mesh. Unknown
+    values are left out.
     """
     content: dict[str, Any] = {
         "schema": SCHEMA,
@@ -108,7 +108,7 @@ def data(picture: ComparisonResult) -> dict[str, Any]:
 
 
 def bar(share: float, width: int = BAR) -> str:
-    """Text bar for a share from 0 to 1, in eighths of a character."""
+    """Return a text bar of a fraction from 0 to 1, in eighths of a character."""
     eighths = round(min(max(share, 0.0), 1.0) * width * 8)
     whole, part = divmod(eighths, 8)
     return (EIGHTHS[8] * whole + (EIGHTHS[part] if part else "")).ljust(width)
@@ -133,7 +133,7 @@ def _point(residual: Residual) -> str:
 
 
 def _rows(picture: ComparisonResult, residual: Residual) -> list[str]:
-    """One line per place; bars are relative to the largest share."""
+    """Return a head and one line per place; bars are relative to the largest fraction."""
     unit = UNITS[residual.metric]
     title = (
         f"{'mesh' if residual.metric == 'force_law' else 'place':6s} {'share of the gap':{BAR}s}"
@@ -210,7 +210,7 @@ def _source_data(heard: StreamStatus) -> dict[str, Any]:
 
 
 def _statistics(rig: MotionStatistics, simulator: MotionStatistics, j: int) -> dict[str, float]:
-    """RMS force and contact shares of one mesh in both motions; without those not known."""
+    """Return RMS force [N] and contact fractions of mesh number ``j`` in both motions; no NaN."""
     values: dict[str, float] = {}
     for name, motion in (("rig", rig), ("simulator", simulator)):
         back, apart, drive = (float(v) for v in motion.contact_shares[j])

@@ -38,11 +38,15 @@ class RerunMirror:
     not started again.
 
     Args:
-        target: where it sends to.
-        drawing: what of each block is drawn.
-        queue_blocks: blocks that may wait.
-        report: called in the mirror's thread with each failure, and with one that repeats every
-            ``REPEAT_S`` seconds with its count.
+        target: viewer, server or file to send to.
+        drawing: what is drawn of each block, and in which units.
+        queue_blocks: size of the queue.
+        report: called in the mirror's thread with each new failure, and with a repeated failure
+            and its count at most every ``REPEAT_S`` seconds.
+
+    Attributes:
+        mode, address: of the target; when open, the address of the receiver.
+        dropped: number of blocks that were not shown.
 
     Raises:
         ParameterError: ``queue_blocks`` below 1.
@@ -81,7 +85,12 @@ class RerunMirror:
         return self._state
 
     def put(self, block: MirrorBlock, *, wait_s: float = 0.0) -> bool:
-        """Queue a block; whether there was room. Waits up to ``wait_s`` seconds for room."""
+        """Queue a block, waiting up to ``wait_s`` seconds for room.
+
+        Returns:
+            Whether it was queued. A block for which there is no room, or whose target could not be
+            opened, counts in ``dropped``.
+        """
         if self.mode == "off" or self._closing.is_set():
             return False
         with suppress(Full):
@@ -92,7 +101,7 @@ class RerunMirror:
         return False
 
     def close(self, timeout: float = 10.0) -> None:
-        """Send what waits, finish the file or the connection, wait at most ``timeout`` seconds."""
+        """Send the queued blocks and close the target, within ``timeout`` seconds at most."""
         self._closing.set()
         if self.mode == "off":
             return
@@ -109,7 +118,7 @@ class RerunMirror:
                 pause_s = min(2 * pause_s, LONGEST_RETRY_S)
 
     def _attempt(self) -> bool:
-        """Mirror until closed or failed; returns whether not to try again."""
+        """Mirror until closed or failed; return False if the target is to be opened again."""
         opened = False
         try:
             from herringbone_sim.views.mirror.sink import open_sink
@@ -148,7 +157,7 @@ class RerunMirror:
             sink.deliver()
 
     def _send(self, sink: Sink, stream: RerunStream, block: MirrorBlock) -> RerunStream:
-        """Send a block; returns the stream for the next block, a new one after a failure."""
+        """Send a block; return the stream for the next block, a new one after a failure."""
         try:
             stream.send(block)
         except Exception as error:
@@ -178,14 +187,14 @@ class RerunMirror:
 
 
 def failure(error: Exception) -> str:
-    """State of a mirror that failed: the reason, and what to do where that is known."""
+    """Return the state of a failed mirror: the reason, and how to install a missing Rerun."""
     missing = isinstance(error, ModuleNotFoundError)
     hint = ": install it with `pip install 'rerun-sdk==0.41.*'`" if missing else ""
     return f"failed: {error}{hint}"
 
 
 class FailureReporter:
-    """Reports each failure once, and one that repeats every ``REPEAT_S`` seconds with its count.
+    """Reports each new failure, and a repeated one with its count every ``REPEAT_S`` seconds.
 
     Args:
         report: takes a line of text.

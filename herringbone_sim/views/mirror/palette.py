@@ -27,7 +27,7 @@ MARKER: Colour = (240, 228, 66)
 
 
 def shaded(colour: Colour, share: float) -> Colour:
-    """A colour moved towards white (share > 0) or the background (share < 0), share in -1..1."""
+    """Mix a colour with white (share > 0) or with the background (share < 0), share in -1..1."""
     target = (255, 255, 255) if share > 0 else BACKGROUND
     weight = abs(share)
     red, green, blue = (
@@ -37,7 +37,7 @@ def shaded(colour: Colour, share: float) -> Colour:
 
 
 def mesh_colours(layout: Layout) -> dict[str, Colour]:
-    """Colour of each mesh by name: hue by kind and side, lightness by planet."""
+    """Return the colour of each mesh by name: hue by kind and side, lightness by planet."""
     count = layout.n_classes
     shades = [0.0] if count == 1 else [0.45 - 0.9 * i / (count - 1) for i in range(count)]
     return {

@@ -1,4 +1,4 @@
-"""Geometry of diagrams whose axes are drawn as data: limits, ticks, box; bifurcation points."""
+"""Geometry of two-dimensional diagrams: limits, ticks, box; store of bifurcation points."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ LEAST_BIN = 2.0**-40
 
 
 def tick_step(span: float, count: int = 5) -> float:
-    """The 1, 2 or 5 times a power of ten that cuts a span into at most about ``count`` parts."""
+    """Return 1, 2 or 5 times a power of ten that divides a span into ``count`` parts or fewer."""
     raw = span / count
     power = 10.0 ** floor(log10(raw))
     return float(next(m * power for m in (1, 2, 5, 10) if m * power >= raw * (1 - 1e-9)))
 
 
 def ticks(limits: Range, count: int = 5) -> Array:
-    """Round values within limits, rising; none where the limits are no range."""
+    """Return ascending round values within limits; empty unless these are a finite range."""
     if not 0.0 < limits[1] - limits[0] < inf:
         return np.empty(0)
     step = tick_step(limits[1] - limits[0], count)
@@ -39,10 +39,10 @@ def ticks(limits: Range, count: int = 5) -> Array:
 
 
 def limits_for(values: Array, before: Range | None = None, least_span: float = 1e-9) -> Range:
-    """Limits around all finite values with a margin.
+    """Return limits around all finite values, with a margin.
 
     Args:
-        values: (n,), any finite number of them.
+        values: (n,); those not finite, or above 1e150, are ignored. Without any: about -1..1.
         before: earlier limits, returned again if they still include the values and are at most
             three times too wide, so that a live diagram does not move with every block.
         least_span: smallest difference of the limits.
@@ -58,7 +58,7 @@ def limits_for(values: Array, before: Range | None = None, least_span: float = 1
 
 @dataclass(frozen=True)
 class Axes:
-    """A box of width x height with its origin top left and y downwards; limits in data units."""
+    """Map from data, limits ``x`` and ``y``, to a box with its origin top left and y downwards."""
 
     x: Range
     y: Range
@@ -66,7 +66,7 @@ class Axes:
     height: float = 100.0
 
     def place(self, points: Array) -> NDArray[np.float32]:
-        """Box coordinates (n, 2) of data points (n, 2)."""
+        """Return the box coordinates (n, 2) of data points (n, 2)."""
         low = np.array([self.x[0], self.y[0]])
         span = np.array([self.x[1] - self.x[0], self.y[1] - self.y[0]])
         share = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - low) / span
@@ -74,23 +74,23 @@ class Axes:
         return boxed.astype(np.float32)
 
     def vertical(self, x: float) -> Array:
-        """Box coordinates (2, 2) of a line from bottom to top."""
+        """Return the box coordinates (2, 2) of a line from bottom to top at data value ``x``."""
         at = (x - self.x[0]) / (self.x[1] - self.x[0]) * self.width
         return np.array([[at, self.height], [at, 0.0]])
 
     def horizontal(self, y: float) -> Array:
-        """Box coordinates (2, 2) of a line from left to right."""
+        """Return the box coordinates (2, 2) of a line from left to right at data value ``y``."""
         at = (1.0 - (y - self.y[0]) / (self.y[1] - self.y[0])) * self.height
         return np.array([[0.0, at], [self.width, at]])
 
 
 class Bifurcation:
-    """The newest section values over a parameter, at most ``n_bins`` bins of ``n_points`` each.
+    """Store of the newest section points over a parameter: ``n_bins`` bins of ``n_points``.
 
-    Points are kept by the value of the parameter, so that an hour at one value displaces nothing
-    that was seen at another, and apart for a rising and a falling parameter, so that hysteresis
-    shows. Bins are ``bin_width`` wide, a power of two that doubles as larger
-    values come; ``per_page`` neighbouring bins form a page, the unit that is drawn anew.
+    Bins by parameter value keep many points at one value from displacing those at others. Half of
+    each bin is for a rising, half for a falling parameter, so that hysteresis shows. Bins are
+    ``bin_width`` wide, a power of two that grows with the largest value; ``per_page``
+    neighbouring bins form a page, the unit that is drawn again.
     """
 
     per_page = 10
@@ -105,7 +105,14 @@ class Bifurcation:
         return sum(len(kept) for ways in self._bins.values() for kept in ways.values())
 
     def add(self, x: Array, y: Array, state: Indices, rising: bool = True) -> set[int]:
-        """Take points (m,) with their contact states (m,); which pages have changed."""
+        """Store points; return the numbers of the pages that have changed.
+
+        Args:
+            x: (m,) parameter values; points with NaN or infinity are ignored.
+            y: (m,) section values.
+            state: (m,) contact states.
+            rising: whether the parameter was rising.
+        """
         good = np.isfinite(x) & np.isfinite(y)
         points = list(zip(x[good].tolist(), y[good].tolist(), state[good].tolist(), strict=True))
         largest = max((abs(point[0]) for point in points), default=0.0)
@@ -120,14 +127,14 @@ class Bifurcation:
         return self._put(points, rising)
 
     def page(self, page: int) -> Array:
-        """Points (k, 3) of a page: parameter, section value, contact state."""
+        """Return the points (k, 3) of a page: parameter, section value, contact state."""
         first = page * self.per_page - self._half
         bins = (self._bins.get(i, {}) for i in range(first, first + self.per_page))
         points = [p for ways in bins for kept in ways.values() for p in kept]
         return np.array(points, dtype=np.float64).reshape(-1, 3)
 
     def points(self) -> Array:
-        """All points (k, 3)."""
+        """Return the points (k, 3) of all pages."""
         return np.concatenate([self.page(page) for page in range(self.n_pages)])
 
     def _width_for(self, largest: float) -> float:
@@ -148,7 +155,7 @@ class Bifurcation:
 
 
 def smooth(points: Array, n: int = 4) -> Array:
-    """Catmull-Rom spline ((m - 1) n + 1, 2) through samples (m, 2), for orbits of few samples."""
+    """Return a Catmull-Rom spline ((m - 1) n + 1, 2) through points (m, 2); m < 3: unchanged."""
     if len(points) < 3:
         return points
     before = np.vstack((2 * points[0] - points[1], points[:-2]))

@@ -31,14 +31,14 @@ DOT = rr.Radius.ui_points(1.6)
 
 
 class Planes:
-    """Sends the diagrams of one mesh, and of each only what a block has changed.
+    """Sends the diagrams of one mesh to a recording, of each only what a block changes.
 
     Args:
         recording: a ``rerun.RecordingStream``.
         mesh: name of the mesh.
         scale: units and backlash, or None for micrometres.
         colour: of the mesh.
-        has_velocity, has_section: whether there are rates, and section points.
+        has_velocity, has_section: whether blocks have velocities, and section points.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Planes:
     def of(
         cls, recording: Any, layout: Layout, scale: Scale | None, mesh: str, block: MirrorBlock
     ) -> Planes | None:
-        """The diagrams of the chosen mesh, or the first that has data; None without any."""
+        """Create the diagrams of a mesh, or of the first with data if empty; None without data."""
         names = [m for m in layout.meshes if f"x_{m}" in block.names and mesh in ("", m)]
         if not names:
             return None
@@ -79,7 +79,7 @@ class Planes:
 
     @property
     def titles(self) -> dict[str, Plane]:
-        """Entity path -> title, width and height of the diagrams there is data for."""
+        """Entity path -> title, width and height of the diagrams with data."""
         titles = {}
         if self.has_velocity:
             titles["portrait"] = f"Phase portrait, {self.mesh}"
@@ -90,7 +90,7 @@ class Planes:
         return {path: (title, WIDTHS[path], HEIGHT) for path, title in titles.items()}
 
     def send(self, block: MirrorBlock, rows: Array) -> None:
-        """Draw a block whose burst is rows (n, c)."""
+        """Draw a block; ``rows`` (n, c): the last cycles, for the phase portrait."""
         b_half = {**self.scale.b_half, **(block.b_half or {})}.get(self.mesh[:2])
         border = None if b_half is None else b_half / self.scale.b_c
         if self.has_velocity:
@@ -101,7 +101,7 @@ class Planes:
             self._send_bifurcation(block, border)
 
     def _plane(self, block: MirrorBlock, rows: Array) -> Array:
-        """Displacement and velocity (n, 2) of rows (n, c), in the units of the diagrams."""
+        """Return displacement and velocity (n, 2) of rows (n, c), in the units of the diagrams."""
         x = rows[:, block.names.index(f"x_{self.mesh}")] / self.scale.b_c
         v = rows[:, block.names.index(f"v_{self.mesh}")] / self.scale.velocity[0]
         return np.column_stack((x, v))
@@ -145,7 +145,10 @@ class Planes:
         self.recording.log(f"bifurcation/points/{page:02d}", dots)
 
     def _follow_steered(self, block: MirrorBlock) -> None:
-        """Start a new diagram over the parameter that was changed last."""
+        """Start a new bifurcation diagram if a parameter that is not on its axis has changed.
+
+        Otherwise note whether the parameter on the axis rises or falls.
+        """
         now = {name: self._last_value(block, name) for name in STEERED}
         known = {name: value for name, value in now.items() if value is not None}
         changed = [name for name, value in known.items() if self._before.get(name, value) != value]
@@ -163,7 +166,7 @@ class Planes:
         return block.parameters.get(name)
 
     def _steered_values(self, block: MirrorBlock) -> Array:
-        """The steered parameter (m,) at each section point, 0 if unknown."""
+        """Return the bifurcation parameter at each section point (m,); 0 if unknown."""
         if self.steered in block.names:
             return block.at_section(self.steered)
         return np.full(len(block.sections), block.parameters.get(self.steered, 0.0))
@@ -175,7 +178,7 @@ class Planes:
     def _fit(
         self, path: str, points: Array, labels: tuple[str, str], border: float | None
     ) -> tuple[Axes, bool]:
-        """Axes that hold points (n, 2), and whether they moved; draws them when they did."""
+        """Return axes around points (n, 2), and whether they changed; draw a changed frame."""
         before = self._frames.get(path)
         steered = path == "bifurcation"
         x = limits_for(points[:, 0], before.axes.x if before else None, 0.1 * steered)

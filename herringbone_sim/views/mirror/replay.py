@@ -1,4 +1,4 @@
-"""Converts a recording to blocks for the mirror, so that it is drawn like a live run."""
+"""Convert a recording to blocks for the mirror, so that it is drawn like a live run."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Replay:
     """A recording prepared for the mirror.
 
     Attributes:
-        names: channels of the rows, with ``t`` first when the recording calls it otherwise.
+        names: channels of the rows; ``t`` is put first if the recording has no channel ``t``.
         rows: (n, c) samples.
         sections: (m, c) samples at phase 0, NaN where a channel can't be had there.
-        noise: RMS noise of each displacement in ``sections`` by name [m].
+        noise: displacement channel -> RMS of its white noise [m]; empty without sections.
         layout: the meshes.
-        gear: parameters of the recording, or None.
-        notes: what is missing, and why.
+        gear: parameters of the recorded gear, None if unknown.
+        notes: sentences on missing data, with reasons, and on recorded effects.
     """
 
     names: tuple[str, ...]
@@ -64,8 +64,8 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
     """Compute section points, layout and gear of a recording.
 
     Args:
-        recording: any, with any subset of the channels.
-        nominal: use the nominal rig if the recording has no parameters.
+        recording: with any subset of the channels.
+        nominal: use the nominal gear if the recording has no parameters.
     """
     samples = recording.samples
     gear, notes = gear_of(recording, nominal)
@@ -85,11 +85,11 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
 def replay_blocks(
     recording: Recording, replay: Replay, burst_cycles: int, max_blocks: int
 ) -> Iterator[MirrorBlock]:
-    """Blocks in the order of time.
+    """Yield the blocks of a recording in the order of time.
 
-    A run of up to ``burst_cycles * max_blocks`` mesh cycles is shown whole. A longer one is cut
-    into ``max_blocks`` blocks, whose last ``burst_cycles`` cycles the mirror shows at full rate;
-    no section point is left out.
+    A run of up to ``burst_cycles * max_blocks`` mesh cycles is shown completely. A longer one is
+    cut into ``max_blocks`` blocks, of which the mirror shows the last ``burst_cycles`` cycles at
+    full rate and all section points.
     """
     times = replay.rows[:, replay.names.index("t")]
     end_ns = recording.path.stat().st_mtime_ns if recording.path.exists() else 0
@@ -111,9 +111,10 @@ def replay_blocks(
 def replay_block(
     recording: Recording, replay: Replay, cut: slice, events: tuple[str, ...], wall_ns: int
 ) -> MirrorBlock:
-    """Block of the samples in a slice of rows.
+    """Return the block of the samples in a slice of rows.
 
     Args:
+        recording, replay: the recording, and the same prepared.
         cut: rows of the block.
         events: texts for the log of the viewer.
         wall_ns: wall-clock time of the last row.
@@ -138,7 +139,7 @@ def replay_block(
 
 
 def block_edges(replay: Replay, burst_cycles: int, max_blocks: int) -> list[tuple[int, int]]:
-    """First row and row after the last of each block."""
+    """Return the first row of each block and the row after its last."""
     count = len(replay.rows)
     if "phase" in replay.names:
         turns = replay.rows[:, replay.names.index("phase")] / (2 * pi)
@@ -152,10 +153,10 @@ def block_edges(replay: Replay, burst_cycles: int, max_blocks: int) -> list[tupl
 
 
 def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) -> Array:
-    """Poincaré section rows (m, c) of a recording, at mesh phase 0, columns in order of ``names``.
+    """Return samples (m, c) at mesh phase 0, the Poincaré section, with columns ``names``.
 
-    t and phase are exact, x and v interpolated, K, delta_T and T_1 taken from the sample before,
-    all other channels NaN.
+    Phase is the exact multiple of 2 pi; t, x and v are interpolated; K, delta_T and T_1 are those
+    of the sample before; all other channels are NaN.
     """
     section = stroboscopic_section(motion)
     before = np.searchsorted(samples.times, section.times + 1e-12, side="right") - 1
@@ -169,14 +170,14 @@ def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) ->
 
 
 def layout_of(names: tuple[str, ...]) -> Layout:
-    """The smallest layout that holds all meshes among the channel names."""
+    """Return the smallest layout that has all meshes among the channel names."""
     numbers = [found.group(1) for name in names if (found := MESH.fullmatch(name))]
     largest = max((int(number) for number in numbers if number), default=0)
     return Layout(max(largest, 1), numbered=largest > 0)
 
 
 def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, list[str]]:
-    """Parameters of the recording, else of the nominal rig on demand, else None; and notes."""
+    """Return the recorded parameters, else nominal ones if ``nominal``, else None; and notes."""
     recorded = recording.channels.parameters
     try:
         if recorded:
@@ -190,14 +191,14 @@ def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, lis
 
 
 def quiet_gear(values: Mapping[str, object]) -> Parameters:
-    """Parameters from recorded values, without warnings on the gear."""
+    """Return parameters from recorded values, without warnings; ParameterError if invalid."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return gear_of_values(values)[0]
 
 
 def at_temperature(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
-    """The gear at the temperature rise in force."""
+    """Return the gear with ``delta_T`` of ``parameters``; unchanged where either is unknown."""
     if gear is None or "delta_T" not in parameters:
         return gear
     with warnings.catch_warnings():
@@ -206,7 +207,7 @@ def at_temperature(gear: Parameters | None, parameters: Mapping[str, float]) -> 
 
 
 def scale_of(gear: Parameters) -> Scale:
-    """Units, and half backlash of the first mesh of each kind; 0 if closed by the temperature."""
+    """Return units and half backlash of each kind's first mesh; 0 if Eq. (3) makes it negative."""
     unit = scales(gear)
     try:
         half = half_backlashes(gear, unit)
@@ -217,7 +218,7 @@ def scale_of(gear: Parameters) -> Scale:
 
 
 def parameters_at(recording: Recording, replay: Replay, row: Array) -> dict[str, float]:
-    """Parameters in force at a row (c,), as far as they are known."""
+    """Return the known parameters in force at a row (c,), by name."""
     t = row[replay.names.index("t")]
     values: dict[str, object] = {}
     if replay.gear:
@@ -232,7 +233,7 @@ def parameters_at(recording: Recording, replay: Replay, row: Array) -> dict[str,
 
 
 def events_of(recording: Recording, replay: Replay) -> list[tuple[float, str]]:
-    """Time and text of every note and every parameter change."""
+    """Return (time [s], text): name and size of the run, every note and every parameter change."""
     start = float(recording.samples.times[0])
     events = [(start, f"{recording.name}: {len(recording.samples)} samples")]
     events += [(start, note) for note in (*recording.notes, *replay.notes)]
@@ -245,14 +246,14 @@ def events_of(recording: Recording, replay: Replay) -> list[tuple[float, str]]:
 
 
 def readable(value: object) -> str:
-    """Value of a parameter with six digits."""
+    """Return a parameter as text, numbers with six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
-    """Name of the motion in the last cycles before section point ``behind``, as ``P2``.
+    """Return the motion in the last cycles before section point ``behind``, such as ``P2``.
 
-    Only cycles with unchanged parameters count; empty if there are none.
+    Only cycles since the last parameter change count; empty if there are none.
     """
     columns = [i for i, name in enumerate(replay.names) if name in replay.noise]
     window = replay.sections[max(0, behind - PERIOD_CYCLES) : behind]
@@ -266,7 +267,7 @@ def regime_at(recording: Recording, replay: Replay, behind: int) -> str:
 
 
 def constant_since(recording: Recording, replay: Replay, window: Array) -> int:
-    """Index of the first section point of a window (m, c) after the last parameter change."""
+    """Return the index of the first of section points (m, c) after the last parameter change."""
     names = [replay.names.index(name) for name in OPERATING if name in replay.names]
     moved = np.flatnonzero(np.any(np.diff(window[:, names], axis=0) != 0, axis=1))
     changes = [change.t_s for change in recording.changes]

@@ -58,7 +58,11 @@ def take_screenshot(
 
 
 def stable_screenshot(port: int, timeout_s: float) -> bytes:
-    """First PNG that equals the one before it, as the viewer loads in the background."""
+    """Return the PNG of the viewer once two in a row are equal, as it loads in the background.
+
+    Raises:
+        ViewerError: they were not within ``timeout_s`` seconds.
+    """
     client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
     deadline = time.monotonic() + timeout_s
     before = b""
@@ -75,7 +79,7 @@ def stable_screenshot(port: int, timeout_s: float) -> bytes:
 
 
 def free_port() -> int:
-    """A free port of this machine."""
+    """Return a free TCP port of the local host."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

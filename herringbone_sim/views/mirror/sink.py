@@ -26,7 +26,7 @@ HOST, PORT = "127.0.0.1", 9876
 START_S = 20.0
 PROBE_S = 1.0
 STALL_S = 5.0
-LAST_BYTES = 4096  # of the output of a program in which its last line is sought
+LAST_BYTES = 4096  # read at the end of an error output to find its last line
 
 
 # Shell script that runs a command until it ends or its standard input is closed. The input is a
@@ -35,25 +35,25 @@ RUN_WHILE_INPUT_OPEN = (
     'exec 3<&0; "$@" 3<&- </dev/null & running=$!; (read _ <&3; kill $running) & holder=$!; '
     "exec 3<&-; wait $running; ended=$?; kill $holder 2>/dev/null; exit $ended"
 )
-# Address on this machine of a server that listens on all interfaces.
+# Local address of a server that listens on all interfaces.
 LOOPBACK_OF = {"0.0.0.0": HOST, "::": "::1"}
 
 
 class ViewerError(HerringboneError):
-    """A viewer that can't be started, found or fed."""
+    """A viewer can't be started, does not answer, or takes no data."""
 
 
 @dataclass
 class Sink:
-    """An open recording, with what is needed to notice that its receiver has gone.
+    """An open Rerun recording, and the means to notice that its receiver has gone.
 
     Attributes:
         recording: the stream to log to.
         address: of the receiver, for messages.
         endpoint: host and port of a viewer that must answer, or None.
-        viewer: the viewer's process if it was started here.
+        viewer: the viewer's process if it was started by ``open_sink``.
         server: the process that serves viewers, if one was started; it ends with this program.
-        errors: file with the error output of that process.
+        errors: file with the error output of the viewer or server.
     """
 
     recording: Any
@@ -65,10 +65,10 @@ class Sink:
     _checked: float = field(default_factory=time.monotonic)
 
     def deliver(self) -> None:
-        """Wait until the receiver has taken what was logged, so that a frozen one fills no memory.
+        """Wait until the receiver has the logged data, so that a frozen one does not fill memory.
 
         Raises:
-            ViewerError: the viewer has gone (asked at most once a second).
+            ViewerError: the viewer or server has gone (its port is probed once a second at most).
             RuntimeError: the receiver takes no more data.
         """
         self.recording.flush(timeout_sec=STALL_S)
@@ -81,14 +81,14 @@ class Sink:
                 raise ViewerError(f"the viewer at {self.address} has gone")
 
     def close(self, timeout_s: float) -> None:
-        """Send what is left, disconnect, and end the server if one was started.
+        """Send the remaining data, disconnect, and end the server if one was started.
 
         Args:
             timeout_s: longest wait [s] for the data, then again for the server, which is then
                 killed.
 
         Raises:
-            RuntimeError: from Rerun, if what is left can't be sent; all is closed nevertheless.
+            RuntimeError: from Rerun, if remaining data can't be sent; all is closed nevertheless.
         """
         try:
             self.recording.flush(timeout_sec=timeout_s)
@@ -103,8 +103,10 @@ class Sink:
 def open_sink(target: MirrorTarget) -> Sink:
     """Open the sink of a target that is not ``off``.
 
+    For ``spawn``, a viewer that answers at the address is used instead of a new one.
+
     Raises:
-        ParameterError: an address that names no port.
+        ParameterError: the address is not of the form ``HOST:PORT``.
         ViewerError: no viewer answers or starts, or the port is taken.
         RecordingError: the file can't be written.
     """
@@ -120,7 +122,7 @@ def open_sink(target: MirrorTarget) -> Sink:
 
 
 def save_to(recording: Any, path: Path) -> Sink:
-    """Write a .rrd file."""
+    """Write a recording to a .rrd file, emptied first; RecordingError if that is impossible."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("wb").close()
@@ -133,9 +135,9 @@ def save_to(recording: Any, path: Path) -> Sink:
 
 
 def serve_at(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
-    """Wait for viewers at an address of this machine, by a server in a process of its own.
+    """Start a server for viewers at a local address, and send it the recording.
 
-    A recording that serves by itself listens on all interfaces, whatever it is asked.
+    Rerun's server within this process would listen on all interfaces, whatever the address.
     """
     address = own_address(host, port)
     command = [rerun_binary(), "--serve-grpc", "--bind", address, "--port", str(port)]
@@ -167,7 +169,7 @@ def end_server(server: subprocess.Popen[bytes], timeout_s: float) -> None:
 
 
 def own_address(host: str, port: int) -> str:
-    """IP address of a host name; ViewerError where this machine can't listen there."""
+    """Return the IP address of a host name; ViewerError if no local server can listen there."""
     try:
         choices = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         family, _, _, _, address = min(choices, key=lambda choice: choice[0] != socket.AF_INET)
@@ -185,7 +187,10 @@ def own_address(host: str, port: int) -> str:
 
 
 def connect_to(recording: Any, host: str, port: int) -> Sink:
-    """Send to a running viewer. Asks the port first: Rerun itself waits seconds for a dead one."""
+    """Send to a running viewer or server; ViewerError if none answers.
+
+    The port is probed first, as Rerun itself would wait seconds for one that does not answer.
+    """
     if not answers(host, port):
         raise ViewerError(
             f"no viewer answers at {host}:{port}: start one with `rerun --port {port}`"
@@ -196,7 +201,7 @@ def connect_to(recording: Any, host: str, port: int) -> Sink:
 
 
 def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
-    """Start a viewer in a session of its own, so that Ctrl-C does not end it."""
+    """Start a viewer on the local host, in a new session so that Ctrl-C does not end it."""
     command = [rerun_binary(), "--bind", HOST, "--port", str(port)]
     command += ["--memory-limit", memory_limit]
     errors = temporary_file()
@@ -215,7 +220,7 @@ def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
 def await_answer(
     process: subprocess.Popen[bytes], name: str, errors: IO[bytes], host: str, port: int
 ) -> None:
-    """Return once a process answers; raises ViewerError when it ends or takes too long."""
+    """Wait until a process answers at its port; ViewerError if it ends or takes too long."""
     deadline = time.monotonic() + START_S
     while not answers(host, port):
         if process.poll() is not None:
@@ -227,10 +232,10 @@ def await_answer(
 
 
 def rerun_binary() -> str:
-    """Path of the program of the viewer; ViewerError if there is none.
+    """Return the path of the viewer's program; ViewerError if there is none.
 
-    The ``rerun`` script beside the interpreter is a last resort: it starts the program as a child,
-    which would continue when the script is ended.
+    A ``rerun`` script on the path is a last resort: it starts the program as a child, which would
+    continue when the script is ended.
     """
     package = find_spec("rerun_cli")
     folders = package.submodule_search_locations if package else None
@@ -242,12 +247,12 @@ def rerun_binary() -> str:
 
 
 def temporary_file() -> IO[bytes]:
-    """File without a name; it is deleted when the last program that has it open ends."""
+    """Open a file without a name; it is deleted when the last program that has it open ends."""
     return tempfile.TemporaryFile()
 
 
 def last_error_line(errors: IO[bytes] | None) -> str:
-    """Last line of the error output of a program, after a colon; empty if there is none.
+    """Return a colon and the last line of a program's error output; empty if there is none.
 
     Reads without moving the position at which the program writes.
     """
@@ -260,7 +265,11 @@ def last_error_line(errors: IO[bytes] | None) -> str:
 
 
 def parse_address(address: str) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT``, ``PORT``, a Rerun URL or nothing; raises ParameterError."""
+    """Return host and port of ``HOST:PORT``, ``PORT`` or a Rerun URL, with defaults if missing.
+
+    Raises:
+        ParameterError: the address has another form.
+    """
     text = address.strip()
     if not text:
         return HOST, PORT
@@ -276,7 +285,7 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def answers(host: str, port: int) -> bool:
-    """Whether anything listens at a port."""
+    """Return whether anything listens at a port."""
     try:
         socket.create_connection((host, port), timeout=PROBE_S).close()
     except OSError:

@@ -11,7 +11,7 @@ EXTRA_UNITS = {"control_phase": "rad"}
 
 
 def status_text(block: MirrorBlock) -> str:
-    """Markdown: regime as a headline, a table of contact shares and parameters."""
+    """Return Markdown: regime as a headline, a table of time, contact and parameters."""
     exponent = f"largest exponent {block.exponent:+.4f}" if isfinite(block.exponent) else ""
     headline = ", ".join(part for part in (block.regime, exponent) if part)
     cells = [f"time | {block.column('t')[-1]:.6g} s"]
@@ -22,7 +22,7 @@ def status_text(block: MirrorBlock) -> str:
 
 
 def table(cells: list[str]) -> list[str]:
-    """Lines of a Markdown table of cells ``name | value`` in two columns, filled downwards."""
+    """Return a Markdown table of cells ``name | value`` in two columns, filled downwards."""
     half = (len(cells) + 1) // 2
     right = [*cells[half:], *[" | "] * (2 * half - len(cells))]
     rows = [f"| {a} | {b} |" for a, b in zip(cells[:half], right, strict=True)]
@@ -30,6 +30,6 @@ def table(cells: list[str]) -> list[str]:
 
 
 def with_unit(name: str, value: float) -> str:
-    """Value of a parameter with its unit, if it has one."""
+    """Return the value of a parameter as text, with its unit if it has one."""
     unit = {**UNITS, **EXTRA_UNITS}.get(name, "-")
     return f"{value:.6g}" if unit == "-" else f"{value:.6g} {unit}"

@@ -1,4 +1,4 @@
-"""Sends blocks of samples to a Rerun recording: time courses, contact lanes, diagrams, text."""
+"""Sends blocks of samples to a Rerun recording: time courses, contact states, diagrams, text."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Burst:
     """The end of a block that is shown at full rate.
 
     Attributes:
-        rows: (n, c) the last cycles of the block.
+        rows: (n, c) samples of the last mesh cycles of the block.
         times: (n,) seconds on the viewer's time line, rising from block to block.
         wall_ns: (n,) wall-clock stamps, spaced as simulation time is.
-        gap: whether samples are missing before it.
+        gap: whether samples are missing between the previous block and the burst.
     """
 
     rows: Array
@@ -40,7 +40,7 @@ class Burst:
     gap: bool
 
     def indexes(self, pick: Any = slice(None)) -> list[Any]:
-        """Both time lines at the picked rows."""
+        """Return the columns of both time lines, simulation and wall clock, at rows ``pick``."""
         return [
             rr.TimeColumn("sim_time", duration=self.times[pick]),
             rr.TimeColumn("wall_time", timestamp=self.wall_ns[pick].view("datetime64[ns]")),
@@ -48,11 +48,11 @@ class Burst:
 
 
 class RerunStream:
-    """Sends blocks to a recording; only what has changed is sent again.
+    """Sends blocks to a recording; static data are sent again only when they change.
 
     Args:
         recording: a ``rerun.RecordingStream``.
-        drawing: what of each block is sent.
+        drawing: what is sent of each block, and in which units.
     """
 
     def __init__(self, recording: Any, drawing: Drawing) -> None:
@@ -90,7 +90,7 @@ class RerunStream:
         self._last = float(burst.times[-1])
 
     def _restart(self, block: MirrorBlock) -> str:
-        """Shift the time line if the time of samples starts again; text of the event, or empty."""
+        """Shift the time line if the time of samples jumps back; return a text on it, or empty."""
         first = float(block.column("t")[0])
         if first + self._offset > self._last or not np.isfinite(self._last):
             return ""
@@ -105,7 +105,7 @@ class RerunStream:
         return Burst(rows, times, wall_ns, gap)
 
     def _with_recent(self, block: MirrorBlock, burst: Burst) -> Array:
-        """Rows (n, c) of the last cycles, with rows of earlier blocks if this one is short."""
+        """Return rows (n, c) of the last cycles, of earlier blocks too if no sample is missing."""
         if burst.gap or self._recent.shape[1] != burst.rows.shape[1]:
             return burst.rows
         rows = np.vstack((self._recent, burst.rows))
@@ -197,7 +197,7 @@ class RerunStream:
                 self.recording.log("events", rr.TextLog(line, level=rr.TextLogLevel.INFO))
 
     def _meshes(self, block: MirrorBlock, prefix: str, kind: str) -> tuple[str, ...]:
-        """Meshes of a kind whose channel is there."""
+        """Return the meshes of a kind whose channel ``prefix_mesh`` is in a block."""
         return tuple(
             mesh
             for mesh in self.layout.meshes
@@ -205,16 +205,16 @@ class RerunStream:
         )
 
     def _bordered(self, block: MirrorBlock) -> list[str]:
-        """Mesh kinds with both a displacement and a known backlash."""
+        """Return the mesh kinds with both a displacement and a known backlash."""
         return [k for k in KINDS if k in self._borders(block) and self._meshes(block, "x", k)]
 
     def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
-        """Half backlash [m] by mesh kind, as far as it is known."""
+        """Return the known half backlash [m] by mesh kind."""
         return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
 
 
 def with_finite_times(block: MirrorBlock) -> MirrorBlock:
-    """The block without samples whose time is not finite."""
+    """Return the block without samples whose time is not finite."""
     rows, sections = (
         array[np.isfinite(array[:, block.names.index("t")])]
         for array in (block.rows, block.sections)
@@ -223,7 +223,7 @@ def with_finite_times(block: MirrorBlock) -> MirrorBlock:
 
 
 def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
-    """Index of the first row (n, c) of the last mesh cycles; 0 without a phase."""
+    """Return the index of the first of rows (n, c) in the last ``cycles``; 0 without phase."""
     if "phase" not in names:
         return 0
     phase = rows[:, names.index("phase")]
@@ -231,7 +231,7 @@ def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
 
 
 def window_of(block: MirrorBlock, cycles: int) -> float:
-    """Length [s] of so many mesh cycles in a block; of the block itself without a phase."""
+    """Return the time [s] that mesh cycles take in a block; without phase, its length."""
     t = block.column("t")
     span = float(t[-1] - t[0])
     turned = 0.0
@@ -242,10 +242,10 @@ def window_of(block: MirrorBlock, cycles: int) -> float:
 
 
 def step_of(times: Array) -> float:
-    """Median step [s], 0 for a single sample."""
+    """Return the median sample interval [s], 0 for a single sample."""
     return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
 def is_near(before_s: float, span_s: float) -> bool:
-    """Whether a window (s) differs from the needed one by at most a fifth."""
+    """Return whether two windows differ by at most a fifth of the first."""
     return 0.8 * before_s <= span_s <= 1.2 * before_s

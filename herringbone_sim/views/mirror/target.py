@@ -1,4 +1,4 @@
-"""Where a mirror sends to."""
+"""Target of a mirror: a viewer, a server or a file."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ MODES = ("off", "spawn", "connect", "serve", "save")
 
 @dataclass(frozen=True)
 class MirrorTarget:
-    """Where a mirror sends to.
+    """Viewer, server or file to which a mirror sends.
 
     Attributes:
         mode: ``off``; ``spawn`` starts a viewer; ``connect`` sends to the viewer at ``address``;
             ``serve`` waits for viewers at ``address``; ``save`` writes ``path``.
         address: ``HOST:PORT``, ``PORT`` or ``rerun+http://HOST:PORT/proxy``; empty for Rerun's
-            own 127.0.0.1:9876.
+            default 127.0.0.1:9876.
         path: the .rrd file that ``save`` writes.
-        memory_limit: above which a started viewer or server drops its oldest data, as ``1GB``.
+        memory_limit: size above which a started viewer or server drops its oldest data.
 
     Raises:
         ParameterError: an unknown mode, or ``save`` without a path.

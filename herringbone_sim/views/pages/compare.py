@@ -24,9 +24,10 @@ class Comparison:
     Attributes:
         name: of the parameter, with its unit.
         facts: lines about both gears and the sweeps.
-        moves: matched boundaries by the way in which values are reached, one way or more.
-        shares: by motion, its share of the values (nominal, augmented), by the first way.
-        coexisting: by gear, intervals of the parameter with several motions.
+        moves: start of the sweeps, key of ``WAYS`` -> matched boundaries; one start or more.
+        shares: motion -> fraction of the parameter values (nominal, augmented) at which the sweeps
+            with the first start of ``moves`` end in it.
+        coexisting: gear -> intervals of the parameter in which several motions coexist.
         pictures: figures with captions.
     """
 
@@ -39,7 +40,7 @@ class Comparison:
 
 
 def headline(moves: Sequence[BoundaryShift]) -> str:
-    """Line on how many boundaries move, and which moves most."""
+    """Return a line: how many boundaries move by more than their uncertainty, and which most."""
     both = [move for move in moves if math.isfinite(move.shift)]
     clear = [move for move in both if abs(move.shift) > move.uncertainty]
     new, gone = (sum(side is None for side in sides) for sides in _sides(moves))
@@ -55,12 +56,12 @@ def _sides(moves: Sequence[BoundaryShift]) -> tuple[list[Boundary | None], list[
 
 
 def between(move: BoundaryShift) -> str:
-    """Motions on both sides of a boundary, as ``P2 to P1``."""
+    """Return the labels on both sides of a boundary, as ``P2 to P1``."""
     return f"{move.boundary.before} to {move.boundary.after}"
 
 
 def cells(move: BoundaryShift) -> list[str]:
-    """Cells of a table: boundary, its value in both gears, its shift."""
+    """Return table cells: labels of a boundary, its value in both gears, its shift."""
     values = [number(b.value, 5) if b else "–" for b in (move.nominal, move.augmented)]
     shift = f"{move.shift:+.3g} ± {move.uncertainty:.1g}" if math.isfinite(move.shift) else "–"
     if move.nominal is None or move.augmented is None:
@@ -69,12 +70,12 @@ def cells(move: BoundaryShift) -> list[str]:
 
 
 def way_words(way: str) -> str:
-    """How a value is reached, in words."""
+    """Return the start of a sweep in words; a start that is no key of ``WAYS`` as it is."""
     return WAYS.get(way, way)
 
 
 def compare_page(comparison: Comparison) -> str:
-    """The complete page, pictures included."""
+    """Return the HTML of the page, with embedded pictures."""
     name, moves_by_way = comparison.name, comparison.moves
     first_way, first = next(iter(moves_by_way.items()))
     return render(
@@ -93,7 +94,7 @@ def compare_page(comparison: Comparison) -> str:
 
 
 def _moves(name: str, moves: Sequence[BoundaryShift]) -> Table | None:
-    """Table of boundaries; None without any."""
+    """Return the table of boundaries, with a CSS class for moved ones; None without boundaries."""
     if not moves:
         return None
     moved = {
@@ -109,7 +110,7 @@ def _shares(shares: Mapping[str, tuple[float, float]], way: str) -> Table:
 
 
 def _coexisting(name: str, stretches: Sequence[Stretch]) -> Table | None:
-    """Table of intervals with several motions; None without any."""
+    """Return the table of intervals with several motions; None without intervals."""
     if not stretches:
         return None
     rows = [[number(s.low, 5), number(s.high, 5), " and ".join(s.motions)] for s in stretches]

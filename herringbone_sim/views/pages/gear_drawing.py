@@ -1,4 +1,4 @@
-"""SVG of the gear: both halves side by side, twelve meshes coloured by a share."""
+"""SVG of the gear: both halves side by side, twelve meshes coloured by their residual."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ SIDE_NAMES = {"L": "Left half", "R": "Right half"}
 def mesh_shares(
     where: Iterable[tuple[Locus, float]],
 ) -> dict[str, tuple[float | None, bool]]:
-    """By mesh: share of the residual (None if unknown), and whether it is of this mesh alone.
+    """Return for each mesh its fraction of the residual, and whether the locus is this mesh alone.
 
-    The share of a locus with several meshes is divided evenly; where loci overlap, that with the
-    fewest meshes counts.
+    The fraction of a locus of several meshes is divided evenly; where loci overlap, the locus with
+    the fewest meshes counts. A mesh without a locus has None.
 
     Args:
-        where: locus and share of the residual.
+        where: locus and fraction of the residual.
     """
     loci = sorted(((covered(locus), share) for locus, share in where), key=lambda one: len(one[0]))
     shares: dict[str, tuple[float | None, bool]] = {}
@@ -101,7 +101,7 @@ def _half(
 
 
 def _angle(planet: str) -> float:
-    """Planet 1 on top, the others clockwise."""
+    """Return the angle [rad] of a planet, y downwards: planet 1 on top, the others clockwise."""
     return -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
 
 
@@ -165,7 +165,7 @@ def _spot(
 
 
 def colour(share: float | None, top: float) -> str:
-    """Pale to deep orange from 0 to ``top``; grey where the share is not known."""
+    """Return the colour of a fraction: pale to deep orange from 0 to ``top``; grey for None."""
     if share is None:
         return "#eceff2"
     weight = min(max(share / top, 0.0), 1.0)

@@ -1,6 +1,6 @@
 """HTML pages: templates in ``templates/``, filled with plain values.
 
-Templates escape texts; what is HTML already is ``Markup``.
+Templates escape all texts but those of type ``Markup``, which are HTML already.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ TEMPLATES = Environment(
 
 @dataclass(frozen=True)
 class Table:
-    """A table that scrolls sideways.
+    """Content of an HTML table.
 
     Attributes:
         head, rows: cells; ``Markup`` for HTML.
-        numeric: columns that are set flush right.
-        classes: further CSS classes of cells, by row and column.
+        numeric: indices of columns that are set flush right.
+        classes: (row, column) -> additional CSS class of the cell.
     """
 
     head: Sequence[str]
@@ -37,17 +37,17 @@ class Table:
     classes: Mapping[tuple[int, int], str] = field(default_factory=dict)
 
     def attributes(self, row: int, column: int) -> Markup:
-        """Attributes of a cell, for the template; ``row`` is -1 in the head."""
+        """Return the HTML attributes of a cell, for the template; ``row`` is -1 in the head."""
         names = ["n"] if column in self.numeric else []
         names += [self.classes[row, column]] if (row, column) in self.classes else []
         return Markup(' class="{}"').format(" ".join(names)) if names else Markup()
 
 
 def render(template: str, **content: object) -> str:
-    """A page from a template in ``templates/`` and its values."""
+    """Return a page: a template in ``templates/`` filled with values by name."""
     return TEMPLATES.get_template(template).render(content)
 
 
 def number(value: float, digits: int = 6) -> str:
-    """A number with some significant digits; a dash for one that is not finite."""
+    """Return a number with ``digits`` significant digits as text; a dash if it is not finite."""
     return f"{value:.{digits}g}" if math.isfinite(value) else "–"

@@ -30,11 +30,11 @@ HEAD = ["channel", "made of", "rate [Hz]", "least", "largest", "unit"]
 
 
 def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Path:
-    """Write ``import.html`` (nothing outside it) and ``figures/``; returns the page.
+    """Write ``import.html``, with embedded pictures, and ``figures/``; return the page's path.
 
     Args:
         folder: of the campaign; pictures are drawn from its bags.
-        rig: its name.
+        rig: name of the rig.
         runs: imported runs.
 
     Raises:
@@ -71,13 +71,16 @@ def _numbers(*values: float) -> tuple[str, ...]:
 
 
 def unused_texts(unused: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """A text per reason with the columns left out for it; from pairs (column, reason)."""
+    """Yield a text per reason with the columns not used for it, from pairs (column, reason)."""
     for reason in dict.fromkeys(why for _, why in unused):
         yield f"{listed([name for name, why in unused if why == reason])}: {reason}"
 
 
 def channels_by_quantity(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Channel names by quantity: ``x`` of all meshes, ``u`` of all bodies, ..., others alone."""
+    """Group channel names by quantity: ``x`` of all meshes, ``u`` of all bodies, ...
+
+    Other channels form groups by themselves; ``t`` is left out.
+    """
     groups: dict[str, list[str]] = {}
     for name in names:
         first, _, rest = name.partition("_")
@@ -88,7 +91,7 @@ def channels_by_quantity(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def run_figure(series: TimeSeries) -> Figure:
-    """A row per quantity with all its channels: left the whole run, right its first cycles."""
+    """Draw a row per quantity with all its channels: the whole run, and its first mesh cycles."""
     every = channels_by_quantity(series.names)
     cycles = (series["phase"] - series["phase"][0]) / (2.0 * np.pi)
     first = max(int(np.searchsorted(cycles, DETAIL_CYCLES)), 2)
@@ -110,7 +113,7 @@ def run_figure(series: TimeSeries) -> Figure:
 
 
 def ranges_by_quantity(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
-    """By quantity of a run: unit, smallest and largest value."""
+    """Return unit, smallest and largest value of each quantity of a run, over its channels."""
     channels = {channel.channel: channel for channel in run.taken}
     return {
         title: (

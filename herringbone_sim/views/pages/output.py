@@ -24,7 +24,7 @@ def write_run(
     mesh: str,
     scale: Scale,
 ) -> Path:
-    """Write CSV tables, ``figures/`` and ``report.html`` of one run; returns the page.
+    """Write CSV tables, ``figures/`` and ``report.html`` of one run; return the page's path.
 
     Args:
         folder: made if new; files of an earlier analysis are overwritten.
@@ -66,7 +66,7 @@ def write_run(
 def write_diagram(
     folder: Path, diagram: BifurcationDiagram, scale: Scale
 ) -> tuple[Path, Path, Path]:
-    """Write ``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; returns the paths."""
+    """Write ``bifurcation.csv``, ``figures/bifurcation.png`` and ``.svg``; return the paths."""
     make_folder(folder / "figures")
     table = folder / "bifurcation.csv"
     tables.write_bifurcation(table, diagram)
@@ -77,7 +77,7 @@ def write_diagram(
 def _tables(
     folder: Path, results: Sequence[SegmentResult], chosen: Sequence[SegmentResult]
 ) -> list[str]:
-    """Write the tables, spectra of the chosen segments only; returns the file names."""
+    """Write the tables, spectra of the chosen segments only; return the file names."""
     tables.write_segments(folder / "segments.csv", results)
     tables.write_poincare(folder / "poincare.csv", results)
     tables.write_lines(folder / "lines.csv", results)

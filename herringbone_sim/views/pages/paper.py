@@ -25,7 +25,7 @@ class ScenarioFigures:
         scenario: published sweep.
         figure: bifurcation diagram.
         motions: (file name, caption) of the four-panel figures.
-        raster: comparison of starts and steps; empty if there is none.
+        raster: comparison of starts and step sizes; empty if there is none.
     """
 
     scenario: Scenario
@@ -40,13 +40,13 @@ def page(
     checked: Sequence[Checked],
     compared: Sequence[Compared],
 ) -> str:
-    """The complete page; pictures are files beside it.
+    """Return the HTML of the page, which refers to pictures as files beside it.
 
     Args:
-        facts: short texts for its head.
-        parts: figures by scenario.
-        checked: statements and what was obtained.
-        compared: boundaries by start and step; may be empty.
+        facts: short texts for the head of the page.
+        parts: figures of each scenario.
+        checked: published statements with the results obtained.
+        compared: boundaries obtained with other starts and step sizes; may be empty.
     """
     return render(
         "paper.html",
@@ -76,7 +76,7 @@ def _count(scenario: Scenario, checked: Sequence[Checked]) -> list[str]:
 def _scenario_values(
     part: ScenarioFigures, checked: Sequence[Checked], compared: Sequence[Compared]
 ) -> dict[str, object]:
-    """Values of the template for one scenario."""
+    """Return the template values of one scenario."""
     scenario = part.scenario
     below = ", largest exponent" if scenario.has_exponents else ""
     return {
@@ -108,7 +108,7 @@ def _statements(checked: Sequence[Checked]) -> Table:
 
 
 def _dependence(part: ScenarioFigures, compared: Sequence[Compared]) -> Table | None:
-    """Motions and boundaries of a scenario by each start and step; None if none were compared."""
+    """Return the table of a scenario's boundaries by start and step size; None if not compared."""
     own = [c for c in compared if c.statement.scenario == part.scenario.key]
     if not own:
         return None

@@ -1,4 +1,4 @@
-"""``plan.html``: sizes from which sensors let a diagnosis name each effect; further sensors."""
+"""``plan.html``: size from which a diagnosis with given sensors names each effect."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ def write_plan_page(
     also: Mapping[str, Plan],
     noise: str,
 ) -> Path:
-    """Write ``plan.html``, which holds its picture, and ``plan.png``; returns the page.
+    """Write ``plan.html``, with its picture embedded, and ``plan.png``; return the page's path.
 
     Args:
-        folder: made if new.
+        folder: created if missing.
         plan: of the given sensors.
         points: operating points of the runs.
-        also: by name of a further sensor, the plan with it.
-        noise: in words.
+        also: name of an additional sensor -> plan with it.
+        noise: of the sensors, in words.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -96,7 +96,7 @@ def write_plan_page(
 
 
 def size(value: float, unit: str) -> str:
-    """A size with its unit; ``never`` for one that is not finite."""
+    """Return a size with its unit as text; ``never`` if it is not finite."""
     if not math.isfinite(value):
         return "never"
     plain_unit = unit.replace("unit of the channel", "SI").replace("1e-6", "ppm")
@@ -104,7 +104,7 @@ def size(value: float, unit: str) -> str:
 
 
 def effect_rows(plan: Plan) -> list[list[str]]:
-    """Rows of the table of effects, columns as in ``HEAD``."""
+    """Return the rows of the table of effects, columns as in ``HEAD``."""
     return [
         [
             row.effect,
@@ -122,7 +122,10 @@ def effect_rows(plan: Plan) -> list[list[str]]:
 
 
 def point_rows(plan: Plan, points: Sequence[Mapping[str, float]]) -> list[list[str]]:
-    """Rows of the table of runs: operating point and share of the information."""
+    """Return the rows of the table of runs: operating point and information, as in ``RUNS_HEAD``.
+
+    The information is cumulative, see ``ranked_runs``.
+    """
     return [
         [
             f"run {r + 1}",
@@ -145,7 +148,7 @@ def _others(plan: Plan) -> list[str]:
 
 
 def _sensors(plan: Plan, also: Mapping[str, Plan]) -> Table | None:
-    """Table of further sensors, the most useful first; None without any."""
+    """Return the table of additional sensors, the most useful first; None if there are none."""
     if not also:
         return None
     ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -size_reduction(plan, also[n])))
@@ -172,7 +175,10 @@ def _length(plan: Plan) -> str:
 
 
 def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
-    """Per effect a line from its size at the best place to that at the worst, relative."""
+    """Draw the size from which each effect is named, over a moderate size, for each plan.
+
+    Line: from the best to the worst place; dot: median; arrow: not named at the worst place.
+    """
     plans = [(sensors_text(plan), plan), *((f"+ {n}", p) for n, p in also.items())]
     order = [row.effect for row in effect_summaries(plan)]
     order += [e for _, p in plans[1:] for e in p.effects if e not in order]

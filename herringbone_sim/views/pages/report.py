@@ -27,7 +27,7 @@ EXPONENT = Markup("<i>λ</i><sub>1</sub> per cycle, ")
 
 @dataclass(frozen=True)
 class Report:
-    """What is known of one run.
+    """Content of the page of one run.
 
     Attributes:
         name: of the run.
@@ -43,7 +43,7 @@ class Report:
 
 
 def report_html(report: Report, pictures: Sequence[Picture], files: Sequence[str]) -> str:
-    """The page of a run, with the names of the files beside it."""
+    """Return the HTML of the page, with embedded pictures and the names of the files beside it."""
     results = report.results
     names = changing(results)
     return render(
@@ -65,7 +65,7 @@ def report_html(report: Report, pictures: Sequence[Picture], files: Sequence[str
 
 
 def _segments(results: Sequence[SegmentResult], names: Sequence[str]) -> Table:
-    """Table of the segments, a ramp as one row; ``names`` of the parameters that differ."""
+    """Return the table of segments, a ramp as one row, with columns for parameters ``names``."""
     header = [
         *("#", "start [s]", "cycles", "dropped", *(_symbol(name) for name in names)),
         *("motion", EXPONENT + "data", "90 % interval", EXPONENT + "model", "off the lines"),
@@ -80,7 +80,7 @@ def _segments(results: Sequence[SegmentResult], names: Sequence[str]) -> Table:
 
 
 def changing(results: Sequence[SegmentResult]) -> list[str]:
-    """Names of the parameters that differ between segments in six digits."""
+    """Return the names of the parameters whose values in six digits differ between segments."""
     names = list(results[0].segment.point)
     return [n for n in names if len({number(r.segment.point[n]) for r in results}) > 1]
 
@@ -129,7 +129,7 @@ def _reasons(results: Sequence[SegmentResult]) -> list[str]:
 
 
 def _contact(results: Sequence[SegmentResult]) -> Table | None:
-    """Table of the time in drive contact, apart and in back contact, by mesh [%].
+    """Return a table of the time in drive contact, apart and in back contact, by mesh [%].
 
     One row per segment in which the contact of the first mesh is known; None without such a
     segment.
@@ -155,7 +155,7 @@ def _notes(notes: Sequence[str], results: Sequence[SegmentResult]) -> list[str]:
 
 
 def _spans(numbers: Sequence[int]) -> str:
-    """``1-4, 7`` for 1, 2, 3, 4, 7."""
+    """Return ascending numbers as text with ranges, ``1–4, 7`` for 1, 2, 3, 4, 7."""
     spans: list[list[int]] = []
     for n in numbers:
         if spans and n == spans[-1][1] + 1:

@@ -9,7 +9,10 @@ from pathlib import Path
 
 
 def write_csv(path: Path, head: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """A file of a head and rows; numbers to nine digits, what is none or not finite is empty."""
+    """Write a CSV file: a header line, then one line per row.
+
+    Floats have nine significant digits; None, NaN and infinity become empty cells.
+    """
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(head)

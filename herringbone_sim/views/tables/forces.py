@@ -11,6 +11,6 @@ from herringbone_sim.views.tables.csv_file import write_csv
 
 
 def write_forces(path: Path, forces: ReconstructedForces) -> None:
-    """CSV of time [s], force [N] of each mesh and half-width of its 90 % band [N], by sample."""
+    """Write CSV, a row per sample: time [s], mesh forces [N], half-widths of 90 % bands [N]."""
     head = ["t_s", *(f"F_{m}_n" for m in forces.meshes), *(f"half_{m}_n" for m in forces.meshes)]
     write_csv(path, head, np.column_stack([forces.times, forces.force, forces.half]))

@@ -44,9 +44,10 @@ BOUNDARY_COLUMNS = [
 
 
 def summary(branches: Sequence[Followed], name: str) -> str:
-    """Text: table of the branches, then of the boundaries in the order of their values.
+    """Return two tables as text: the branches, then the boundaries by ascending parameter value.
 
     Args:
+        branches: with their boundaries.
         name: of the parameter.
     """
     rows = [["branch", "period", "left/right", "range", "points", "ends", "origin"]]
@@ -86,7 +87,8 @@ def _words(unstable: tuple[int, int]) -> str:
 def write_orbits(folder: Path, branches: Sequence[Followed], p: Parameters) -> None:
     """Write ``branches.csv``, ``sections.csv`` and ``boundaries.csv`` into an existing folder.
 
-    A row per orbit, per section point of an orbit, and per boundary; ``p`` is the gear.
+    Their rows are orbits, section points of the orbits, and boundaries. The layout of ``p``, the
+    parameters of the gear, gives the names of the meshes.
     """
     columns = [f"{a}_{m}" for a in "xv" for m in p.layout.meshes]
     head = ["branch", "index", "value"]

@@ -1,4 +1,4 @@
-"""Tables of an analysis as CSV: segments, Poincaré points, spectra, lines, bifurcation."""
+"""Tables of an analysis as CSV: segments, section points, spectra, lines, bifurcation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Cell = str | int | float | None
 
 
 def segment_columns(results: Sequence[SegmentResult]) -> list[str]:
-    """Header of ``segments.csv``."""
+    """Return the column names of ``segments.csv``."""
     meshes = results[0].motion.meshes
     shares = [f"{share}_{mesh}" for mesh in meshes for share in ("drive", "separated", "back")]
     return [
@@ -62,7 +62,7 @@ def write_segments(path: Path, results: Sequence[SegmentResult]) -> None:
 
 
 def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
-    """One row a section point: segment, cycle, time [s], x [m] and v [m/s] of all meshes."""
+    """Write CSV, a row per section point: segment, cycle, t [s], x [m], v [m/s] of all meshes."""
     meshes = results[0].motion.meshes
     names = ["segment", "cycle", "t", *(f"x_{m}" for m in meshes), *(f"v_{m}" for m in meshes)]
     parts = [
@@ -76,7 +76,10 @@ def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
 
 
 def write_spectrum(path: Path, meshes: Sequence[str], results: Sequence[SegmentResult]) -> None:
-    """Full spectra [m] of the given segments, of which there may be none, over mesh order."""
+    """Write the amplitude spectra [m] of the meshes as CSV, a row per segment and mesh order.
+
+    Segments without a spectrum have no rows.
+    """
     names = ["segment", "order", *(f"x_{mesh}" for mesh in meshes)]
     spectra = [(r.number, r.spectrum) for r in results if r.spectrum is not None]
     rows: Iterable[Sequence[Cell]] = (
@@ -88,7 +91,7 @@ def write_spectrum(path: Path, meshes: Sequence[str], results: Sequence[SegmentR
 
 
 def write_lines(path: Path, results: Sequence[SegmentResult]) -> None:
-    """Amplitude [m] of each mesh at the lines h / n, n the period."""
+    """Write CSV, a row per spectral line: amplitude [m] of a mesh at order h / n, period n."""
     rows: Iterable[Sequence[Cell]] = (
         [r.number, line.mesh, line.h, line.n, line.label, line.order, line.amplitude]
         for r in results
@@ -98,7 +101,7 @@ def write_lines(path: Path, results: Sequence[SegmentResult]) -> None:
 
 
 def write_bifurcation(path: Path, diagram: BifurcationDiagram) -> None:
-    """One row a section point: parameter, x [m], period and exponents of its segment."""
+    """Write CSV, a row per section point: parameter, x [m], period, exponents of its segment."""
     names = [
         *(diagram.parameter, f"x_{diagram.mesh}", "period", "exponent_per_cycle"),
         *("exponent_low", "exponent_high", "model_exponent_per_cycle", "model_exponent_error"),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def aligned(rows: Sequence[Sequence[str]], right: bool = False) -> list[str]:
-    """Lines of rows, in columns of equal width, flush left or right."""
+    """Return a line per row, its cells padded to the width of their column, left or right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     pad = str.rjust if right else str.ljust
     return ["  ".join(map(pad, row, widths)).rstrip() for row in rows]

@@ -26,20 +26,20 @@ POINT = (
     ("Omega", "speed Ω", ""),
     ("K", "control K", ""),
 )
-TOP_CAUSES, LEAST_PROBABILITY = 6, 0.005  # causes listed with a bar
+TOP_CAUSES, LEAST_PROBABILITY = 6, 0.005  # causes with a bar: number, least probability
 FURTHER = ("a_c", "F_pin1", "F_rp1_L", "u_p1_L")  # one sensor of each kind that may be added
 
 
 def write_gap_page(
     report: Report, folder: Path, arrays: GapArrays | None = None, nominal: Path | None = None
 ) -> Path:
-    """Write ``report.html``, pictures included, and ``figures/``; returns the page.
+    """Write ``report.html``, with embedded pictures, and ``figures/``; return the page's path.
 
     Args:
         report: of a diagnosis.
-        folder: made if new; an earlier page is overwritten.
-        arrays: content of the figures; None for no figures of the residual.
-        nominal: parameter file of the rig, for the commands that the page suggests.
+        folder: created if missing; an earlier page is overwritten.
+        arrays: data of the figures; None: figures of learned laws alone.
+        nominal: parameter file of the rig; None: the page suggests no commands.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -58,7 +58,10 @@ def write_gap_page(
 
 
 def plan_command(report: Report, nominal: Path, folder: Path) -> str:
-    """Shell command that plans further sensors; empty unless the report rests on few sensors."""
+    """Return the shell command that plans additional sensors.
+
+    Empty if the diagnosis did not use trajectories, or if all sensors of ``FURTHER`` are recorded.
+    """
     recorded = sorted(report.noise)
     more = [name for name in FURTHER if name not in recorded]
     if "trajectory" not in report.observations or not more:
@@ -69,7 +72,7 @@ def plan_command(report: Report, nominal: Path, folder: Path) -> str:
 
 
 def compare_command(nominal: Path, folder: Path) -> str:
-    """Shell command that compares the bifurcations of the nominal and the augmented gear."""
+    """Return the shell command that compares the bifurcations of nominal and augmented gear."""
     files = [nominal, folder / "augmented.yaml"]
     words = ["python", "-m", "herringbone_sim", "compare", *map(str, files)]
     return shlex.join([*words, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
@@ -78,8 +81,15 @@ def compare_command(nominal: Path, folder: Path) -> str:
 def gap_page(
     report: Report, pictures: Sequence[Picture] = (), command: str = "", planned: str = ""
 ) -> str:
-    """The complete page; ``command`` of ``compare_command``, ``planned`` of ``plan_command``."""
-    # A limit that is a fault too is said above.
+    """Return the HTML of the page.
+
+    Args:
+        report: of a diagnosis.
+        pictures: to embed.
+        command: of ``compare_command``; empty: not shown.
+        planned: of ``plan_command``; empty: not shown.
+    """
+    # A limit that is a finding too is already listed among the faults.
     said = {finding.text for finding in report.findings}
     drawing, remarks = where_values(report)
     experiment = report.next_experiment
@@ -112,7 +122,7 @@ def gap_page(
 
 
 def _which(report: Report) -> tuple[list[dict[str, object]], list[tuple[str, str]]]:
-    """Values of the template's section "Which": causes with a bar, and the others as a list.
+    """Return the template values of the section "Which": causes with a bar, and the others.
 
     A cause has a bar if its effect is named in the verdict, or if it is among the ``TOP_CAUSES``
     most probable ones with a probability of ``LEAST_PROBABILITY`` or more.

@@ -1,4 +1,4 @@
-"""Values for pages: the gap by residual, prediction and attractor, and ``verify.html``."""
+"""Template values of the gap as residual, prediction and attractor; page ``verify.html``."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ MODELS = (
 def senses_values(
     senses: Senses | None, runner_up: Sequence[str] = ()
 ) -> dict[str, object] | None:
-    """Values of the template for a gap on held-out runs by sense; None without any.
+    """Return the template values of the gap on held-out runs in three senses.
 
     Args:
-        senses: of the gap.
+        senses: gap as residual, prediction and attractor; None, then returned, if not measured.
         runner_up: ids of the effects of the runner-up.
     """
     if senses is None:
@@ -69,7 +69,7 @@ def senses_values(
 
 
 def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> Table:
-    """Table of numbers by sense, with a text on the horizon of the prediction."""
+    """Return a table with a row per sense; ``horizon`` is text added to that of prediction."""
     control = _has_runner_up(senses)
     columns = [c for c in COLUMNS if control or "runner_up" not in c[0]]
     rows = [
@@ -104,8 +104,9 @@ def _horizon(senses: Senses) -> str:
 
 
 def distances_values(senses: Senses | None) -> dict[str, object] | None:
-    """Values of the template: distance of each model's motion from the rig's, by run; None
-    without any.
+    """Return the template values of the distance of each model's motion from the rig's, by run.
+
+    None without any run.
     """
     runs = list(senses.numbers.get("floor", {})) if senses else []
     if senses is None or not runs:
@@ -122,14 +123,14 @@ def distances_values(senses: Senses | None) -> dict[str, object] | None:
 
 
 def _distances(motion: Mapping[str, Any]) -> list[str]:
-    """Cells of a motion: its distances and, where it is known, the largest exponent."""
+    """Return the table cells of a model: distances, and largest exponent where known."""
     exponent = motion.get("exponent", {}).get("value", math.nan)
     cells = [figure(motion["distance"][name]) for name, _, _ in DISTANCES]
     return [*cells, figure(exponent, 2) if math.isfinite(exponent) else ""]
 
 
 def write_verify_page(result: Repetition, folder: Path) -> Path:
-    """Write ``verify.html``; returns its path.
+    """Write ``verify.html`` into a folder, created if missing; return the path of the page.
 
     Raises:
         AnalysisError: the folder can't be written.
@@ -141,7 +142,7 @@ def write_verify_page(result: Repetition, folder: Path) -> Path:
 
 
 def verify_page(result: Repetition) -> str:
-    """Page with the gap on further runs beside that of the report."""
+    """Return the HTML of the page: the gap on additional runs beside the gap in the report."""
     earlier, gap = result.earlier, result.senses.residual
     effects = "; and ".join(words.effect_words(effect) for effect in earlier.effects)
     closes = [f"{percent(min(gap.closed(role=None), 1.0))} of the gap closes here"]

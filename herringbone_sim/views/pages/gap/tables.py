@@ -18,7 +18,7 @@ from herringbone_sim.views.pages.html import Table
 
 
 def runs_values(gap: Gap, verdict: str) -> dict[str, object]:
-    """Values of the template for a gap by run: before, after, noise floor and closure.
+    """Return the template values of the gap by run: before, after, noise floor and closure.
 
     Args:
         gap: of all runs.
@@ -44,13 +44,13 @@ def _run(run: RunGap) -> dict[str, object]:
 
 
 def closure(run: RunGap) -> float:
-    """(before - after) / (before - floor); NaN without a gap above the floor."""
+    """Return (nominal - augmented) / (nominal - floor) of a run; NaN if nominal <= floor."""
     above = run.nominal - run.floor
     return (run.nominal - run.augmented) / above if above > 0.0 else math.nan
 
 
 def _bars(run: RunGap) -> list[tuple[str, str, str]]:
-    """CSS class, property and size of the bars of a run; none where nothing is known."""
+    """Return (CSS class, CSS property, size) of each bar of a run; empty without known values."""
     parts = (
         ("before", "width", run.nominal),
         ("after", "width", run.augmented),
@@ -64,7 +64,10 @@ def _bars(run: RunGap) -> list[tuple[str, str, str]]:
 
 
 def noise_table(noise: Mapping[str, ChannelNoise]) -> Table | None:
-    """Table of the noise by channel: RMS, quantisation step, delay, colour, lines."""
+    """Return the table of noise by channel: RMS, quantisation step, delay, colour, mains lines.
+
+    None without channels.
+    """
     if not noise:
         return None
     head = ["channel", "RMS", "step", "delay [s]", "unit", "colour", "lines [Hz]"]

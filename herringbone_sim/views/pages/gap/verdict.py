@@ -28,19 +28,22 @@ def headline(verdict: Verdict) -> str:
 
 
 def named_effects(verdict: Verdict) -> list[str]:
-    """Ids of the effects that the verdict names, or between which it can't decide."""
+    """Return the ids of the effects that a verdict names, or between which it can't decide.
+
+    For a verdict without effects: ``none`` or ``unknown``.
+    """
     ids = (*verdict.effects, *verdict.ambiguous_with) or (verdict.verdict,)
     return list(dict.fromkeys(ids))
 
 
 def named_causes(report: Report) -> list[Cause]:
-    """The causes of ``named_effects``."""
+    """Return the causes in a report with the ids of ``named_effects``."""
     causes = {cause.effect: cause for cause in report.causes}
     return [causes[effect] for effect in named_effects(report.verdict) if effect in causes]
 
 
 def located_causes(report: Report) -> list[Cause]:
-    """Those of ``named_causes`` that have a place: neither ``none`` nor ``unknown``."""
+    """Return the ``named_causes`` without ``none`` and ``unknown``, which have no place."""
     return [cause for cause in named_causes(report) if cause.effect not in OUTSIDE]
 
 
@@ -52,12 +55,12 @@ def kind(verdict: Verdict) -> str:
 
 
 def answers(report: Report) -> list[tuple[str, str, str]]:
-    """Title, answer and remark of three boxes: where, which, how much."""
+    """Return title, answer and remark of the three boxes of the page: where, which, how much."""
     return [("Where", *_place(report)), ("Which", *_name(report)), ("How much", *_size(report))]
 
 
 def _place(report: Report) -> tuple[str, str]:
-    """Places of the named effects, and the mesh with the largest share of the residual."""
+    """Return the places of the named effects as text, and a remark on the residual by mesh."""
     share = "share of the residual not known"
     if report.where:
         locus, largest = report.where[0]
@@ -76,7 +79,7 @@ def _place(report: Report) -> tuple[str, str]:
 
 
 def _any_planet(report: Report) -> bool:
-    """Whether a cause sits at one planet, and all planets have the same share."""
+    """Return whether a cause is at one planet but all planets have equal parts of the residual."""
     planets: dict[str, float] = {}
     for locus, share in report.where:
         planets[locus.planet] = planets.get(locus.planet, 0.0) + share

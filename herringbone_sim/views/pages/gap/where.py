@@ -14,7 +14,7 @@ ON_PLANETS = ("bearing_clearance", "pin_position", "planet_phase")
 
 
 def where_values(report: Report) -> tuple[Markup, list[str]]:
-    """The drawing, and remarks on what it leaves open."""
+    """Return the drawing of the gear as SVG, and sentences on the limits of what it shows."""
     shares = mesh_shares(report.where)
     causes = located_causes(report)
     sites = [covered(cause.locus) for cause in causes]
@@ -37,7 +37,7 @@ def _remarks(report: Report, shares: dict[str, tuple[float | None, bool]]) -> li
 
 
 def bodies(cause: Cause) -> set[str]:
-    """Names of the bodies of a cause, such as ``sun_L``, ``planet2_R``, ``ring_L``."""
+    """Return the bodies at which a cause acts, such as ``sun_L``, ``planet2_R``; may be empty."""
     planet, side = cause.locus.planet, cause.locus.side
     part = "ring" if cause.effect == "ring_flexibility" else words.member(cause)
     part = "planet" if cause.effect in ON_PLANETS else part

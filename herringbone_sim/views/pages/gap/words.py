@@ -10,7 +10,7 @@ from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.report import Cause, Estimate
 
 NOT_KNOWN = "not known"
-MAX_ITEMS = 12  # of a list as text
+MAX_ITEMS = 12  # that a text lists; the others are counted
 
 PHRASES = {
     "none": "no gap beyond tolerance and noise",
@@ -72,7 +72,7 @@ DISPLAY_UNITS = {  # factor and name
 
 
 def effect_words(name: str) -> str:
-    """Phrase for the id of an effect; for an effect of the user its own text."""
+    """Return the phrase for an effect id; for a user-defined effect the text of its definition."""
     if name in PHRASES:
         return PHRASES[name]
     own = effects().get(name)
@@ -80,12 +80,12 @@ def effect_words(name: str) -> str:
 
 
 def capital(text: str) -> str:
-    """First letter in upper case, the rest as it is."""
+    """Return a text with its first letter in upper case."""
     return text[:1].upper() + text[1:]
 
 
 def percent(share: float) -> str:
-    """A share in percent; one that is neither 0 nor 1 is not rounded to 0 or 100 %."""
+    """Return a fraction in percent as text; between 0 and 1 never rounded to 0 % or 100 %."""
     if not math.isfinite(share):
         return NOT_KNOWN
     if 0 < share < 0.001:
@@ -98,14 +98,17 @@ def percent(share: float) -> str:
 
 
 def figure(number: float, digits: int = 3) -> str:
-    """A number with some significant digits."""
+    """Return a number with ``digits`` significant digits as text; ``not known`` if not finite.
+
+    Digits before the decimal point are all shown below 1e6.
+    """
     if not math.isfinite(number):
         return NOT_KNOWN
     return f"{number:.0f}" if 10**digits <= abs(number) < 1e6 else f"{number:.{digits}g}"
 
 
 def locus_words(locus: Locus) -> str:
-    """Text of a locus, as ``sun mesh of planet 2, left side``."""
+    """Return a locus as text, such as ``sun mesh of planet 2, left side``."""
     if locus == Locus():
         return "all meshes"
     return f"{_meshes(locus.mesh, locus.planet)}, {_sides(locus.side)}"
@@ -123,10 +126,10 @@ def _sides(side: str) -> str:
 
 
 def place_words(cause: Cause) -> str:
-    """Text on where a cause sits, such as ``sun mesh of planet 2, left side, on the planet``.
+    """Return where a cause acts, such as ``sun mesh of planet 2, left side, on the planet``.
 
-    It is made of the meshes of the locus and the member that the cause names; for an effect of
-    ``PLACES``, of the text there and the meshes. If the locus is all meshes, these are mentioned
+    The text has the meshes of the locus and the member that the cause names; for an effect of
+    ``PLACES``, the text given there and the meshes. If the locus is all meshes, they are mentioned
     only where there is neither a member nor an entry in ``PLACES``.
     """
     meshes, everywhere = locus_words(cause.locus), cause.locus == Locus()
@@ -140,19 +143,19 @@ def place_words(cause: Cause) -> str:
 
 
 def member(cause: Cause) -> str:
-    """Member of a cause, such as ``sun`` or ``ring``; empty if it has none."""
+    """Return the gear member that a cause names, such as ``sun``; empty if it names none."""
     given = cause.parameters.get("member")
     return "" if given is None else str(given.value)
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Texts in a row, ``MAX_ITEMS`` at most."""
+    """Join the first ``MAX_ITEMS`` texts by commas, and the number of the others."""
     rest = len(texts) - MAX_ITEMS
     return ", ".join([*texts[:MAX_ITEMS], *([f"and {rest} more"] if rest > 0 else [])])
 
 
 def parameter_words(name: str, parameter: Estimate) -> str:
-    """Text of a parameter with its 90 % interval, as ``height 12 µm (11.2 … 12.7)``."""
+    """Return a parameter with its 90 % interval as text: ``height 12 µm (11.2 … 12.7)``."""
     label, value, ends = name.replace("_", " "), parameter.value, parameter.ci90
     if isinstance(value, tuple):
         return f"{label} {listed(value)}"
@@ -168,18 +171,18 @@ def parameter_words(name: str, parameter: Estimate) -> str:
 
 
 def _digits(value: float, low: float, high: float) -> int:
-    """Significant digits at which the width of an interval has two; 4 to 9."""
+    """Return the significant digits, 4 to 9, that give the width of an interval two digits."""
     if not 0.0 < high - low < math.inf or not 0.0 < abs(value) < math.inf:
         return 4
     return min(max(math.ceil(math.log10(abs(value) / (high - low))) + 2, 4), 9)
 
 
 def closure_words(closure: float, verdict: str) -> str:
-    """How much of the gap on held-out runs closes, with what closes it.
+    """Return a clause that tells which change closes how much of the gap on held-out runs.
 
     Args:
-        closure: share of the gap.
-        verdict: its kind, see ``verdict.kind``.
+        closure: closed fraction of the gap above noise; NaN if unknown.
+        verdict: kind of the verdict, see ``verdict.kind``.
     """
     action = ACTIONS.get(verdict, "adding it")
     if not math.isfinite(closure):
@@ -192,5 +195,5 @@ def closure_words(closure: float, verdict: str) -> str:
 
 
 def residual_words(value: float, unit: str) -> str:
-    """A residual with its unit."""
+    """Return a residual with its unit as text; ``not known`` if it is not finite."""
     return figure(value) + (f" {unit}" if math.isfinite(value) else "")
