@@ -1,1 +1,1 @@
-"""The engine of a diagnosis: observations, regression, search, judge. It knows no machine."""
+"""The engine of a diagnosis: observations, regression, search, judge; for any kind of machine."""

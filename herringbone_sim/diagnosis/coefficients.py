@@ -41,10 +41,10 @@ class Coefficient:
         sd: prior standard deviation, in the unit of the coefficient.
         bound: largest deviation from ``center``.
         placements: where it acts, by observation.
-        center: prior mean; 1 for an exchange of channels, which is present or absent.
-        departs_from: for a departure from the catalogue's curve: number of the effect's own
-            coefficients, which precede the first departure; its prior scales with their size. 0
-            for own coefficients and tolerances.
+        center: prior mean; 1 for what is present or absent, as an exchange of channels.
+        departs_from: 0, or, for a departure from the catalogue's curve, the number of coefficients
+            of the effect itself, which precede its first departure; the prior of the departure
+            scales with their size.
         scales_with_effect: whether its prior is scaled by the effect's size (``PRIOR_SCALES``);
             false where columns change with the amplitudes, as of a stiffness in series.
     """
@@ -65,6 +65,11 @@ class CampaignProducts:
         runs: products of each run, by observation. All runs have the same observations, rows and
             functions; rows that a run has not recorded are zero.
         base: coefficients contained in every hypothesis: the tolerances.
+
+    Attributes:
+        chi2: (runs,) chi2 at the point of linearisation, nuisances marginalised.
+        count: (runs,) number of independent values.
+        base_A, base_b: (runs, p, p), (runs, p) normal equations of the base.
     """
 
     def __init__(self, runs: Sequence[dict[str, Products]], base: Sequence[Coefficient]) -> None:
@@ -86,12 +91,12 @@ class CampaignProducts:
 
     @property
     def is_finite(self) -> bool:
-        """Whether no run diverged."""
+        """Whether all products are finite; they are not where the motion of a run diverges."""
         every = (self.chi2, *self._G.values(), *self._c.values())
         return all(bool(np.isfinite(one).all()) for one in every)
 
     def _prepare_base(self) -> None:
-        """Products of the base with all functions (runs, base, R, Q) and with the nuisances."""
+        """Store the products of the base with itself, with all functions and with nuisances."""
         runs, p = len(self.runs), len(self.base)
         self._base_G, self._base_x = {}, {}
         self.base_A, self.base_b = np.zeros((runs, p, p)), np.zeros((runs, p))
@@ -116,7 +121,14 @@ class CampaignProducts:
         A: Array,
         b: Array,
     ) -> None:
-        """Add products (runs, p, R, Q) with coefficients to A (runs, p, q) and b (runs, q)."""
+        """Add one observation's products of the base to A (runs, p, p) and b (runs, p).
+
+        Args:
+            o: the observation.
+            coefficients: the base.
+            products: (runs, p, R, Q) of the base with all functions.
+            nuisances: (runs, p, T) of the base with the shared nuisances.
+        """
         for i, one in enumerate(coefficients):
             for row, f, w in self._entries(one, o):
                 A[:, :, i] += products[:, :, row, f] * w[:, None]
@@ -124,7 +136,7 @@ class CampaignProducts:
                 b[:, i] -= np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o]) * w
 
     def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
-        """Normal equations A (runs, p, p), b (runs, p) of the base and these coefficients."""
+        """Normal equations A (runs, p, p), b (runs, p) of the base, then these coefficients."""
         n, p, runs = len(self.base), len(self.base) + len(coefficients), len(self.runs)
         A, b = np.zeros((runs, p, p)), np.zeros((runs, p))
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
@@ -147,10 +159,12 @@ class CampaignProducts:
         A: Array,
         b: Array,
     ) -> None:
-        """Add one observation to A (runs, p, p) and b (runs, p).
+        """Add one observation's products of coefficients to A (runs, p, p) and b (runs, p).
 
         Args:
-            used: position of each function used, by row and function.
+            o: the observation.
+            coefficients: those beyond the base, whose entries in A and b come last.
+            used: for each row, the functions that they act on (index in the products), numbered.
         """
         n, runs, q = len(self.base), len(self.runs), len(coefficients)
         X = np.zeros((runs, q, self._x[o].shape[1]))
@@ -171,7 +185,7 @@ class CampaignProducts:
         b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
 
     def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
-        """Triples of row, index of the function and weights (runs,) of a coefficient."""
+        """Triples of row, index of the function and weights (runs,) in observation ``o``."""
         placement = coefficient.placements.get(o)
         if placement is None:
             return []

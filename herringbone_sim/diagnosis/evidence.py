@@ -1,7 +1,7 @@
-"""Summary of an examination in a few numbers: the whole input of the judge.
+"""Summary of an examination in a few numbers, the only input of the judge.
 
-Small enough to be stored for every practice campaign, so that verdicts and calibration can be
-recomputed.
+Small enough to be stored for every practice campaign, so that verdicts and the weights of the
+judge can be recomputed without a new diagnosis.
 """
 
 from __future__ import annotations
@@ -18,19 +18,21 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 
 @dataclass(frozen=True)
 class Candidate:
-    """An explanation of the gap: no effect, one, or two.
+    """Numbers of one fitted explanation of the gap: no effect, one effect, or two.
 
     Attributes:
         effects: ids; empty for none.
         places: place of each effect, as text.
         chi2: whitened sum of squares left, each run predicted from the others.
-        in_sample: the same with all runs fitted.
-        size: number of coefficients.
-        strain: mean square departure from the catalogue's curve over that of the effect's own
-            parameters, each relative to its prior: 1 as expected; 0 for effects without a curve.
-        worst: largest mean square of whitened residuals left in one observation; noise alone: 1.
-        log_density: sum of the log predictive densities of the left-out runs, where they are
-            compared by it, see ``Score.loss``; else None.
+        in_sample: whitened sum of squares left with all runs fitted.
+        size: number of coefficients of the effects, without tolerances.
+        strain: mean square of the departures from the catalogue's curve over that of the effect's
+            own coefficients, each over its prior: 1 as expected; 0 without departures. Of two
+            effects the larger.
+        worst: largest mean square of whitened residuals left in one observation with all runs
+            fitted; noise alone: 1.
+        log_density: sum of the log predictive densities of the left-out runs; None where
+            explanations are compared by chi2, see ``Score.loss``.
     """
 
     effects: tuple[str, ...]
@@ -44,22 +46,23 @@ class Candidate:
 
     @property
     def loss(self) -> float:
-        """See ``Score.loss``."""
+        """Leave-one-run-out loss, see ``Score.loss``."""
         return self.chi2 if self.log_density is None else -2.0 * self.log_density
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Numbers of one campaign; field names are keys of stored evidence files.
+    """Evidence of one campaign; field names are keys of stored evidence files.
 
     Attributes:
         count: number of whitened values.
         candidates: none, single effects, pairs; each kind best first.
-        remains: chi2 that the flexible regression predicts out of sample of the residual of
-            ``none``, the best ``single`` and the best ``pair``.
-        screened: least loss of each effect in the linear screen.
-        told: whether the campaign gives the noise; then residual chi2 above it counts in full.
-        uneven: largest noise estimated for a row, over the median of its observation's rows.
+        remains: chi2 that the flexible regression predicts, out of sample, in the residual of
+            ``none``, of the best ``single`` and of the best ``pair``.
+        screened: least loss of each effect in the linear screen, by its id.
+        told: whether the campaign gives the noise.
+        uneven: largest noise variance estimated for a row over the median of the rows of its
+            observation; 1 where the noise is known.
     """
 
     count: float
@@ -71,16 +74,16 @@ class Evidence:
 
     @property
     def by_density(self) -> bool:
-        """Whether explanations are compared by predictive density, see ``Score.loss``."""
+        """Whether explanations are compared by predictive density instead of chi2."""
         return any(c.log_density is not None for c in self.candidates)
 
     def written(self) -> dict[str, Any]:
-        """Plain data for JSON."""
+        """The evidence as plain data for JSON."""
         return asdict(self)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Evidence:
-        """Evidence from the plain data of ``written``."""
+        """Restore evidence from the plain data of ``written``."""
         candidates = tuple(
             Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]
@@ -91,7 +94,7 @@ class Evidence:
 
 
 def evidence_of(found: Examination, noise_known: bool = True) -> Evidence:
-    """Summarise an examination; ``noise_known``: whether the campaign gives the noise."""
+    """Summarise an examination as evidence; ``noise_known``: whether the campaign gives noise."""
     every = (found.none, *found.singles, *found.pairs)
     remains = {name: sum(p.predicted for p in of.values()) for name, of in found.flexible.items()}
     candidates = tuple(_candidate(f, found.counts) for f in every)
@@ -120,7 +123,7 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
 
 
 def _strain(found: FittedExplanation) -> float:
-    """``strain`` of a candidate: the largest over its effects."""
+    """Largest ``Candidate.strain`` over the effects of an explanation."""
     every = [h.coefficients for h in found.hypotheses]
     first = len(found.score.coefficients) - sum(len(c) for c in every)
     strains = [0.0]

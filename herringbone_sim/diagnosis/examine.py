@@ -1,6 +1,6 @@
 """Examine a campaign: score none, single effects and pairs; test what they leave unexplained.
 
-Over 300 lines: the order of the search stands in one function, with what it alone calls.
+Over 300 lines: the order of the search stands in one function, with the helpers of it alone.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from herringbone_sim.diagnosis.search import (
 )
 from herringbone_sim.diagnosis.threads import parallel_map
 
-# Share of an observation's rows assumed to contain no more than noise; chosen.
+# Fraction of an observation's rows assumed to contain no more than noise; chosen.
 NOISE_QUANTILE = 0.25
 BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
@@ -51,14 +51,14 @@ class Examination:
 
     Attributes:
         count: number of whitened values.
-        counts: the same by observation.
-        none: the calibrated machine.
-        singles, pairs: fitted explanations, best first.
-        screened: least loss of each effect in the linear screen, fitted or not.
-        flexible: predictable part of the residual by observation, under the keys ``none``,
-            ``single`` (the best) and ``pair`` (the best).
+        counts: number of whitened values, by observation.
+        none: fit of the tolerances alone, without effects.
+        singles, pairs: fitted explanations, best first; empty where none was fitted.
+        screened: least loss of each ranked effect, by its id, whether it was fitted or not.
+        flexible: predictable part of the residual of ``none``, of the best ``single`` and of the
+            best ``pair``, by these keys and by observation.
         noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
-        machine: the given one, or the same with more values if those were used.
+        machine: the given one, or its copy with more values if those were used.
     """
 
     count: float
@@ -75,14 +75,14 @@ class Examination:
 def examine(
     machine: Machine, say: Callable[[str], None] = lambda text: None, noise_known: bool = True
 ) -> Examination:
-    """Score every hypothesis on the runs of a machine.
+    """Score every hypothesis on the runs of a machine, and pairs where one effect leaves a gap.
 
     Args:
         machine: with its runs.
         say: called with the name of each stage.
-        noise_known: whether the noise of the blocks is right; otherwise the unpredictable part of
-            the calibrated machine's residual is counted as noise too, and where states are
-            estimated, no more of it than the best single effect leaves.
+        noise_known: whether the noise of the blocks is known. If not, the unpredictable part of
+            the residual of the fit without effects counts as noise; where states are estimated,
+            at most as much as the best single effect leaves.
     """
     say("calibration")
     search, none, left = _calibrated(machine, noise_known)
@@ -174,11 +174,13 @@ def examine(
 def _calibrated(
     machine: Machine, noise_known: bool, start: Array | None = None
 ) -> tuple[Search, FittedExplanation, dict[str, Predictable]]:
-    """The fit without effects, and the predictable part of its residual, by observation.
+    """Fit the tolerances of a machine; where the noise is unknown, estimate it and fit again.
 
     Args:
-        noise_known: as in ``examine``.
         start: (p,) start values of the tolerances; None: zero.
+
+    Returns:
+        The search, the fit, and the predictable part of its residual by observation.
     """
     search = Search(machine, start=start)
     none = FittedExplanation((), search.settled(search.null))
@@ -192,9 +194,9 @@ def _calibrated(
 
 
 def _noise_factors(found: Predictable) -> Array:
-    """Factors (runs, R) on the assumed RMS noise of each row, 1 or more.
+    """Factors (runs, R) on the assumed noise of each row (standard deviation), 1 or more.
 
-    The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's squares that
+    The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's chi2 that
     can't be predicted, less the part that can. It is at most the quantile ``NOISE_QUANTILE`` of
     this number over the rows of the same run: sensors of a kind are alike, so an excess in few
     rows is not noise.
@@ -213,14 +215,17 @@ def _noise_factors(found: Predictable) -> Array:
 def _less_noise(
     assumed: Mapping[str, Array], left: Mapping[str, Predictable]
 ) -> dict[str, Array] | None:
-    """Factors on the machine's noise by what an effect leaves; None: those assumed will do.
+    """Estimate the noise factors again, from the residual of an effect; at most those assumed.
 
-    Where an effect is there whose response can't be predicted, such as a tooth's, the calibrated
-    machine leaves more than noise.
+    The response to some effects, such as a damaged tooth, can't be predicted, so that without the
+    effect it was taken for noise.
 
     Args:
         assumed: (runs, R) factors by observation.
-        left: predictable part of what the effect leaves, for these factors.
+        left: predictable part of the residual of the effect, for these factors.
+
+    Returns:
+        (runs, R) factors by observation; None where they fall by too little.
     """
     found = {}
     for o, p in left.items():
@@ -236,7 +241,7 @@ def _with_noise(
     none: FittedExplanation,
     singles: Sequence[FittedExplanation],
 ) -> tuple[Search, FittedExplanation, tuple[FittedExplanation, ...]]:
-    """Search and fits with other factors on the machine's noise, best first."""
+    """Search and fits made again with other noise factors; the single effects best first."""
     search = Search(search.machine, noise, none.score.mean)
     none = FittedExplanation((), search.settled(search.null))
     again = [replace(f, score=search.settled(f.score)) for f in singles]
@@ -244,13 +249,13 @@ def _with_noise(
 
 
 def _recorded_rows(chi2: Array) -> NDArray[np.bool_]:
-    """Rows (R,) that are formed: their chi2 is not exactly zero."""
+    """Mask (R,) of rows that a run has recorded: their chi2 is not exactly zero."""
     recorded: NDArray[np.bool_] = chi2 != 0.0
     return recorded
 
 
 def _predicted_chi2(left: Mapping[str, Predictable]) -> float:
-    """Predictable chi2 of all observations."""
+    """Predictable chi2, summed over the observations."""
     return sum(p.predicted for p in left.values())
 
 
@@ -259,9 +264,10 @@ def _first_was_misfitted(
     pair: FittedExplanation,
     left: Mapping[str, Mapping[str, Predictable]],
 ) -> bool:
-    """Whether the second effect removes much and half of the residual is predictable still.
+    """Whether a pair removes much, and yet leaves much that is predictable.
 
-    Then the first effect, fitted alone, is probably the wrong partner of the second.
+    Much is half of the chi2 predictable under the best single effect. Then the first effect,
+    which was chosen alone, is probably the wrong partner of the second.
     """
     half = 0.5 * _predicted_chi2(left["single"])
     return first.loss - pair.loss > half and _predicted_chi2(left["pair"]) > half
@@ -273,8 +279,8 @@ def _predictable_remainder(
     """Predictable part of the residual of an explanation, by observation.
 
     Args:
-        of_none: the same of the calibrated machine, reused for observations that the explanation
-            does not change.
+        of_none: that of the fit without effects, reused for observations on which no coefficient
+            of the explanation acts.
     """
     search = found.search or search
     machine = search.machine.without_linearisation()

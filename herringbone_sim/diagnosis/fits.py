@@ -1,4 +1,4 @@
-"""Rank explanations by a linear screen, and fit the best: single effects, pairs on top of one."""
+"""Rank hypotheses by a linear screen, and fit the best: single effects, and pairs of effects."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from herringbone_sim.diagnosis.search import CHANCE_CHI2, MIN_GAIN_PER_VALUE, Se
 # Limits of the search, chosen for run time:
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
 MAX_FITTED = 6  # single effects fitted exactly
-MAX_FITTED_PER_EFFECT = 2  # of them with the same effect
+MAX_FITTED_PER_EFFECT = 2  # single effects fitted exactly with the same id
 MAX_FITTED_PAIRS = 3  # second effects fitted exactly
-MAX_PAIRS_OF_SINGLES = 2  # second effects fitted as they were alone
-MIN_FITTED = 2  # single effects fitted where nothing is worth explaining
+MAX_PAIRS_OF_SINGLES = 2  # second effects fitted from their values in the fit of them alone
+MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
-EQUIVALENT_SHARE = 0.01  # share of the gap by which explanations may differ and count as equal
+EQUIVALENT_SHARE = 0.01  # fraction of the gap by which explanations may differ and count as equal
 # Chi2 per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
 NONLINEAR_CHI2 = 1.5
 
@@ -30,12 +30,12 @@ Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of it
 
 @dataclass(frozen=True)
 class FittedExplanation:
-    """None, a single effect or a pair, with its fit.
+    """An explanation (no effect, a single effect or a pair) with its fit.
 
     Attributes:
-        hypotheses: empty, one or two.
+        hypotheses: none, one or two.
         score: of the fit.
-        search: search whose machine has all functions of a pair; None: that of the single effects.
+        search: search whose machine has the functions of a pair; None: that of single effects.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -49,14 +49,14 @@ class FittedExplanation:
 
     @property
     def loss(self) -> float:
-        """What is left of all runs, each predicted from the others, see ``Score.loss``."""
+        """Leave-one-run-out loss, see ``Score.loss``."""
         return self.score.loss
 
 
 def simplest_equivalent(
     none: FittedExplanation, singles: Sequence[FittedExplanation]
 ) -> FittedExplanation:
-    """Of the singles as good as the best (``EQUIVALENT_SHARE``), that of fewest coefficients."""
+    """Of the single effects about as good as the best, return that with fewest coefficients."""
     best = singles[0].loss
     near = [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
@@ -65,13 +65,14 @@ def simplest_equivalent(
 def rank(
     search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
 ) -> tuple[Search, Ranking]:
-    """Rank the catalogue and the machine's proposals by linear scores on top of a fit.
+    """Rank the catalogue and the machine's proposals by linear scores, added to a fit.
 
-    Where even the best linear fit leaves too much, nonlinear trials come first. Of an effect only
-    the best places go on; of what is present or absent all, as it may be far from linear.
+    Of each effect only the best places (``MAX_SCREENED_PER_EFFECT``) are ranked, but all that are
+    present or absent, whose response may be far from linear. Where even the best linear fit leaves
+    too much, nonlinear trials come first.
 
     Args:
-        taken: fit that is kept as the base; None: the calibrated machine.
+        taken: fit to which a hypothesis is added, as the base; None: the fit of ``search.null``.
 
     Returns:
         Search with the functions of the proposals, and the ranking, best first.
@@ -110,10 +111,10 @@ def rank(
 def fit_best(
     search: Search, ranked: Ranking, most: int, per_effect: int
 ) -> tuple[FittedExplanation, ...]:
-    """Fit the best hypotheses exactly, ``most`` in all and ``per_effect`` of an effect.
+    """Fit the best ranked hypotheses exactly, best first: ``most`` in all, ``per_effect`` of each.
 
-    Those of an effect that are partly screened count by themselves: they may be behind the others
-    for what the screen misses.
+    Partly screened hypotheses of an effect are counted apart, as the part that the screen misses
+    may be why they are ranked behind its others.
     """
     fits: list[FittedExplanation] = []
     per: dict[tuple[str, bool], int] = {}
@@ -130,8 +131,8 @@ def fit_best(
 def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
     """Fit one effect exactly from ``start`` (p,).
 
-    A fit that leaves more than its base went astray from there: it is made again from the base.
-    Not so of an exchange, which is present or absent, and of a part, which has no base.
+    A fit that leaves more chi2 than ``search.null`` is in a wrong minimum: it is made again from
+    zero size, except for effects that are present or absent (``vanishes_at_zero``).
     """
     score = search.settled(search.refined(one.coefficients, start))
     astray = score.in_sample > search.null.in_sample + CHANCE_CHI2
@@ -145,10 +146,10 @@ def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
 def with_unscreened(
     search: Search, ranked: Ranking, singles: Sequence[FittedExplanation]
 ) -> tuple[FittedExplanation, ...]:
-    """Add fits that the linear screen can't rank, best first.
+    """Add fits of hypotheses that the linear screen can't rank; return all, best first.
 
-    These are the best place of each effect that is not linear, and the other law of the best
-    effect at its place, from its tolerances; in place of its fit by the screen, if it has one.
+    These are the best place of each nonlinear effect that has no fit yet, and the other law of the
+    best effect at its place, from the tolerances of that fit, unless its present fit is better.
     """
     effects = {f.hypotheses[0].effect for f in singles}
     found = list(singles)
@@ -171,10 +172,9 @@ def with_unscreened(
 
 
 def fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:
-    """Fit an explanation again from where it settled, if that leaves less.
+    """Fit an explanation again from its solution; return the fit with the smaller loss.
 
-    States that were found under another one since may suit it too; without them it would seem to
-    leave what a wrong minimum does.
+    States of motion found since, under another explanation, may lead out of a wrong minimum.
     """
     again = replace(found, score=search.settled(found.score))
     return min(found, again, key=lambda f: f.loss)
@@ -187,14 +187,18 @@ def fit_pairs(
     least: float,
     singles: Sequence[FittedExplanation],
 ) -> tuple[FittedExplanation, ...]:
-    """Fit pairs: a single effect with each of the best other effects on its residual.
+    """Fit pairs: a single effect with each of the effects that best explain its residual.
 
-    Where these leave more than noise, the first effect may have taken on what the second one does:
-    then also with others that were fitted alone, from there.
+    Where all of these leave more than noise, the first effect may have absorbed the response of
+    the second: then it is paired also with effects of ``singles``, from their values there.
 
     Args:
+        first: fit of the first effect alone.
         least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
         singles: effects fitted alone, best first.
+
+    Returns:
+        Fitted pairs, best first.
     """
     own = first.hypotheses[0]
     others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
@@ -215,7 +219,7 @@ def _beside_singles(
     singles: Sequence[FittedExplanation],
     tried: Sequence[FittedExplanation],
 ) -> list[FittedExplanation]:
-    """Fit effects that were fitted alone on top of ``own``, the base of ``search``."""
+    """Fit at most ``MAX_PAIRS_OF_SINGLES`` untried singles beside ``own``, the search's base."""
     seen = {_key(f.hypotheses[0]) for f in tried}
     effects = {own.effect}
     found: list[FittedExplanation] = []
@@ -232,7 +236,7 @@ def _beside_singles(
 
 
 def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
-    """The fit of each set of hypotheses that leaves least, best first."""
+    """Keep, of fits with the same hypotheses, that with the least loss; return fits best first."""
     found: dict[frozenset[Any], FittedExplanation] = {}
     for f in sorted(fits, key=lambda f: f.loss):
         found.setdefault(frozenset(map(_key, f.hypotheses)), f)
@@ -240,16 +244,16 @@ def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplana
 
 
 def _key(one: Hypothesis) -> tuple[str, Any, Any]:
-    """What tells hypotheses apart."""
+    """Effect, options and locus, which identify a hypothesis."""
     return one.effect, one.options, one.locus
 
 
 def refit_first_alone(
     search: Search, first: FittedExplanation, pair: FittedExplanation
 ) -> FittedExplanation:
-    """Fit the first effect of a pair on its own again, from its values in the pair.
+    """Fit the first effect of a pair alone again, from its values in the pair.
 
-    Alone it may have settled in a wrong minimum, and the pair got what that left.
+    Its earlier fit alone may have ended in a wrong minimum, which made the pair look better.
     """
     every = first.score.coefficients
     score = search.refined(every[len(search.base) :], pair.score.mean[: len(every)])
@@ -259,11 +263,10 @@ def refit_first_alone(
 def refit_second_alone(
     search: Search, singles: Sequence[FittedExplanation], pairs: Sequence[FittedExplanation]
 ) -> FittedExplanation | None:
-    """Fit the second effect of the best pair on its own.
+    """Fit the second effect of the best pair alone: the screen for single effects may miss it.
 
-    It may have been missed by the screen while the first effect was not in the model. Not one that
-    was proposed from the residual of the first, on which its functions depend: then that of the
-    next best pair. None if there is none.
+    Pairs whose second effect was proposed from the residual of the first, on which its functions
+    depend, are passed over; None if there is no other. A fit among ``singles`` is returned as is.
     """
     pair = next((f for f in pairs if f.hypotheses[1].source is None), None)
     if pair is None:
@@ -282,9 +285,9 @@ def fit_rivals_of_first(
     singles: Sequence[FittedExplanation],
     pairs: Sequence[FittedExplanation],
 ) -> tuple[FittedExplanation, ...]:
-    """Fit pairs of the second effect of a pair with others that were fitted alone.
+    """Fit pairs of the second effect of a pair with single effects it was not yet paired with.
 
-    The first effect was the best one alone, while the second was not in the model.
+    The first effect of the pair was the best one only as long as the second was not in the model.
     """
     own = second.hypotheses[0]
     tried = {h.effect for f in pairs for h in f.hypotheses if own.effect in f.effects}

@@ -1,10 +1,10 @@
 """Chi2 of a residual that measured quantities predict: cross-validated nonparametric regression.
 
-Model: a factor (constant, spring force, damper force) times a smooth function of one to three
-measured quantities, as random Fourier features (Rahimi and Recht, NIPS 2007). Each row is
-regressed on every other block of mesh cycles of all runs and scored on the remaining blocks. Where
-causes act through the motion, the features are responses to forces of many shapes instead. Noise
-can't be predicted; anything that repeats can, whatever its law.
+Model: a sum of factors (constant, spring force, damper force) times smooth functions of one to
+three measured quantities, as random Fourier features (Rahimi and Recht, NIPS 2007). Each row is
+regressed on every other block of mesh cycles of all runs and scored on the remaining blocks, and
+the reverse. Where causes act through the motion, the features are responses to forces of many
+shapes instead. Noise can't be predicted; anything that repeats can, whatever its law.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RegressionInputs:
 
     Attributes:
         values: (n, R, D) measured quantities, of any unit.
-        angles: (n, A) [rad], of which functions have integer multiples.
+        angles: (n, A) [rad]; functions depend on integer multiples of them.
         factors: (n, R, M) factors of the functions, in units of the residual's noise.
         responses: (n, R, P) whitened linear responses to forces of many shapes, used instead of
             the above where causes act through the motion; None: not used.
@@ -43,7 +43,7 @@ class RegressionInputs:
     responses: Array | None = None
 
     def at(self, samples: Indices) -> RegressionInputs:
-        """Those of some samples."""
+        """Copy restricted to the given indices of samples."""
         responses = None if self.responses is None else self.responses[samples]
         return RegressionInputs(
             self.values[samples], self.angles[samples], self.factors[samples], responses
@@ -52,13 +52,13 @@ class RegressionInputs:
 
 @dataclass(frozen=True)
 class Predictable:
-    """Out-of-sample chi2 that the regression predicts.
+    """Part of a residual that the regression predicts out of sample.
 
     Attributes:
         chi2: (runs, R) chi2 of the rows.
         left: (runs, R) chi2 after subtracting the prediction; may exceed ``chi2``.
-        count: (runs, R) values used.
-        weight: independent values that each value used represents.
+        count: (runs, R) number of values used; 0 where a row is not recorded.
+        weight: number of independent values that each value used stands for.
     """
 
     chi2: Array
@@ -68,7 +68,7 @@ class Predictable:
 
     @property
     def predicted(self) -> float:
-        """Chi2 predicted in all rows, at least 0."""
+        """Predicted chi2 of all rows and all independent values, at least 0."""
         return self.weight * max(0.0, float((self.chi2 - self.left).sum()))
 
     def with_noise_scaled(self, noise: Array) -> Predictable:
@@ -87,7 +87,7 @@ class _Features:
 
     @classmethod
     def drawn(cls, D: int, A: int, M: int) -> _Features:
-        """Draw features for D values, A angles and M factors; the seed is their numbers."""
+        """Draw features for D values, A angles and M factors; (D, A, M) is the random seed."""
         rng = np.random.default_rng([D, A, M])
         of_values, of_angles = np.zeros((D, N_FEATURES)), np.zeros((A, N_FEATURES))
         for f in range(N_FEATURES):
@@ -117,13 +117,14 @@ def predict_residuals(
     blocks: Sequence[Indices],
     independent_share: float = 1.0,
 ) -> Predictable:
-    """Cross-validated prediction of whitened residuals.
+    """Predict whitened residuals by cross-validated regression.
 
     Args:
-        residuals: (n, R) for each run, whitened.
+        residuals: (n, R) for each run, whitened; a row of zeros is not recorded.
         inputs: for each run.
-        blocks: (n,) number of the block of cycles of each sample, for each run.
-        independent_share: share of the samples with independent noise.
+        blocks: (n,) number of the block of cycles of each sample, for each run. Even and odd
+            blocks predict each other.
+        independent_share: number of independent values over the number of samples.
     """
     first = inputs[0]
     features = _Features.drawn(
@@ -159,9 +160,9 @@ def predict_residuals(
 
 
 def _thinned(n: int, thin: int) -> Indices:
-    """Indices of one of every ``thin`` samples of n, at no fixed phase of a mesh cycle.
+    """Indices of one out of every ``thin`` of n samples, evenly spread over the mesh phase.
 
-    Shifts follow the golden section, as evenly spread as any sequence.
+    Its position among the ``thin`` samples follows multiples of the golden ratio.
     """
     i = np.arange(-(-n // thin))
     shift = np.floor(thin * (i * 0.5 * (5.0**0.5 - 1.0) % 1.0)).astype(int)
@@ -169,7 +170,7 @@ def _thinned(n: int, thin: int) -> Indices:
 
 
 def _unit_rms(values: Array) -> Array:
-    """Scale columns to unit RMS."""
+    """Return the columns of ``values`` scaled to unit RMS; columns of zeros stay zero."""
     size = np.sqrt(np.mean(values**2, axis=0))
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
@@ -179,8 +180,8 @@ class _HalfPair:
     """Two halves of the samples that predict each other.
 
     Attributes:
-        at: indices of the samples.
-        P, A, b: features, their Gram matrix and their products with the residual.
+        at: indices of the samples, for each half.
+        P, A, b: features, their Gram matrix and their products with the residual, for each half.
     """
 
     at: tuple[Indices, ...]
@@ -198,10 +199,10 @@ class _HalfPair:
         )
 
     def predict(self, y: Array, most: int, ridge: float, off: Array) -> None:
-        """Write the prediction error of each half, trained on the other, to ``off`` (n,).
+        """Write the error of the residual y (n,), predicted across the halves, to ``off`` (n,).
 
         Args:
-            most: number of features, those most correlated with the residual.
+            most: number of features used, those most correlated with the residual.
             ridge: penalty of the regression.
         """
         for own, other in ((0, 1), (1, 0)):
@@ -216,7 +217,12 @@ class _HalfPair:
 
 
 def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
-    """(n,) prediction error of each half from the other, by the best of a few regressions."""
+    """(n,) error of y predicted across the halves, by the best of a few regressions, or none.
+
+    Args:
+        P: (n, F) features.
+        fold, run: (n,) half (0 or 1) and run of each sample.
+    """
     whole = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
     # Also run by run: dependence on quantities constant within a run need not be smooth.
     alone = [

@@ -1,8 +1,8 @@
 """Fisher information of a set of runs on each effect, alone and against rival hypotheses.
 
-Expected chi2 added by an effect of size one, and the part left after another hypothesis is
-fitted to it, with tolerances and the rival's coefficients profiled out (Lehmann and Casella,
-Theory of Point Estimation, 2.6). Linear about the nominal machine.
+Expected chi2 added by an effect of size one, and the part of it left after a fit of another
+hypothesis, with tolerances and the rival's coefficients profiled out (Lehmann and Casella, Theory
+of Point Estimation, 2.6). Linear about the nominal machine.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ from herringbone_sim.diagnosis.score import DEPARTURE_ROUNDS, MAX_DEPARTURE_SD, 
 
 
 class Information:
-    """Expected chi2 of true effects and what hypotheses fitted to them leave.
+    """Expected chi2 of true effects, and the chi2 that hypotheses fitted to them leave.
 
-    Size one is the moderate effect, in the least visible direction of its own parameters.
+    Size one is the moderate effect: its own coefficients at the standard deviations of their
+    priors, of several in the direction that adds least chi2.
 
     Args:
         campaign: products about the nominal machine.
-        truths: effects assumed true.
+        truths: effects assumed true, without departures from their curves.
         hypotheses: rivals fitted to them.
 
     Attributes:
-        squares: (truths,) chi2 added at size one, tolerances fitted inside their bounds.
-        by_run: (truths, runs) share of it by run.
-        left: (truths, hypotheses) chi2 left at size one by each hypothesis.
+        squares: (truths,) chi2 added at size one, tolerances fitted without bounds.
+        by_run: (truths, runs) fraction of it in each run.
+        left: (truths, hypotheses) chi2 left at size one by each hypothesis, tolerances fitted
+            without bounds.
         count: number of whitened values.
     """
 
@@ -100,7 +102,7 @@ class Information:
         )
 
     def seen(self, i: int, size: float) -> float:
-        """Chi2 added by truth i at a size, tolerances fitted inside their bounds."""
+        """Chi2 that truth i adds at a size, with tolerances fitted inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.squares[i])
         mean = solve(self._A, size * self._with_base[i], self._sd, self._bound).mean
@@ -108,7 +110,7 @@ class Information:
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
     def left_at(self, i: int, j: int, size: float) -> float:
-        """Chi2 of truth i at a size left by hypothesis j, tolerances inside their bounds."""
+        """Chi2 of truth i at a size that hypothesis j leaves, tolerances inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.left[i, j])
         h, (of_h, G) = self._hypotheses[j], self._hypothesis_gram[j]
@@ -132,7 +134,10 @@ class Information:
 
 
 def _priors(h: Hypothesis, size: float) -> tuple[Flags, Array]:
-    """(k,) whether coefficients are departures from the curve, and priors of the others."""
+    """(k,) which coefficients are departures from the curve; (k,) prior deviations of the others.
+
+    Deviations are in units of the moderate effect, wide enough for a true effect of ``size``.
+    """
     bent = np.array([c.departs_from > 0 for c in h.coefficients])
     wide = [
         PRIOR_SCALES[-1] * max(size, 1.0) if c.scales_with_effect else 1.0 for c in h.coefficients
@@ -141,7 +146,7 @@ def _priors(h: Hypothesis, size: float) -> tuple[Flags, Array]:
 
 
 def _reduction_with_departures(h: Hypothesis, G: Array, X: Array) -> Array:
-    """Chi2 (truths,) of each truth removed by a hypothesis of k coefficients.
+    """Chi2 (truths,) of each truth that a hypothesis of k coefficients removes.
 
     Prior and bounds of departures from the catalogue's curve scale with the fitted size of the
     effect's own parameters, so both are found by iteration.
@@ -172,7 +177,10 @@ def _diagonal(values: Array) -> Array:
 def cross_gram(
     campaign: CampaignProducts, ones: Sequence[Coefficient], others: Sequence[Coefficient]
 ) -> Array:
-    """(ones, others) products of the whitened columns of two sets of coefficients, all runs."""
+    """(ones, others) products of the whitened columns of two sets of coefficients, over all runs.
+
+    Nuisance parameters are marginalised.
+    """
     found = np.zeros((len(ones), len(others)))
     for o in campaign.observations:
         for r, of_run in enumerate(campaign.runs):
@@ -191,7 +199,7 @@ def cross_gram(
 def _weights(
     coefficients: Sequence[Coefficient], o: str, r: int, at: dict[str, int], rows: int
 ) -> list[csr_array]:
-    """Sparse weights (coefficients, functions) of run r in observation o, one matrix a row."""
+    """Weights (coefficients, functions) of run r in observation o, a sparse matrix per row."""
     rows_of: list[list[int]] = [[] for _ in range(rows)]
     functions: list[list[int]] = [[] for _ in range(rows)]
     weights: list[list[float]] = [[] for _ in range(rows)]

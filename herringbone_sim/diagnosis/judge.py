@@ -1,27 +1,26 @@
 """From evidence to probabilities of none, every effect, every pair, and unknown.
 
-A conditional logit (McFadden 1974): each explanation has a few numbers that say how well it does,
-and its probability goes with the exponential of their weighted sum. The weights are fitted on
-practice campaigns by ``calibrate`` and kept in ``calibration.json`` with the seeds; none is
-chosen.
+A conditional logit (McFadden 1974): the probability of an explanation is proportional to the
+exponential of a weighted sum of a few numbers (``NAMES``) that say how well it fits. The weights
+are fitted to practice campaigns by ``gap calibrate`` and stored in ``calibration.json``.
 
-With E the loss (``Score.loss``: whitened squares left on runs predicted by the others, or what
-their predictive density is worth in squares), N the count of values, and R what a
-flexible regression still predicts of them: the gap is what can be predicted beside the calibrated
-machine, (E_none - E_best + R_best) / N; an explanation h leaves the share
-(E_h - E_best + R_best) / (E_none - E_best + R_best) of it. The strain says how far a learned curve
-departs from the catalogue's beside the effect's size; the excess is the largest mean square that
-is left of an observation, above the noise's one and what chance adds to it. The second effect of a
-pair may follow what the curve of the first one misses, which is little of all that the pair takes,
-where the data are fitted. Shares are of values, and models miss some of each; what noise leaves
-does not go with their number, so an explanation has both: (E_h - E_best) / N with ``LEAST`` beside
-it, and E_h - E_best with ``CHANCE_CHI2``, which chance alone gives.
-What a share of a value says changes with N, from thousands of windows to half a million.
+E is the loss of an explanation (``Score.loss``), R the chi2 that the flexible regression still
+predicts in its residual, N the number of values; "best" is the explanation with least E + R.
+- gap: chi2 per value that can be predicted beyond the calibrated machine,
+  (E_none - E_best + R_best) / N.
+- share left: part of the gap that explanation h leaves, (E_h - E_best + R_best) over
+  (E_none - E_best + R_best), each per value and with ``LEAST`` added, as models miss a little of
+  every value.
+- squares left: the same of the losses alone, not per value, with ``CHANCE_CHI2`` added: what
+  chance leaves does not grow with N.
+- strain: departure of a learned curve from the catalogue's, over the effect's size.
+- excess left: largest mean square left in an observation, beyond 1 for noise and its chance.
+- second share: part of what the best single effect leaves that the second effect removes; in
+  sample, part of all that the pair removes: little if it only mends the first effect's curve.
+- count: N, which runs from thousands (windows) to half a million and changes what shares mean.
 
-A second effect is tried for the best single ones alone, and need not be among those tried. So each
-single effect also competes as one with something unknown beside it, which is what a pair is of
-which only that effect was tried. How probable that is goes with N, with the share of the squares
-that the effect leaves, and with its excess.
+Second effects are tried only beside the best single effects. So each single effect competes also
+as a pair of it and something unknown (``beside``): the true pair if its second was not tried.
 """
 
 from __future__ import annotations
@@ -67,23 +66,23 @@ NAMES = (
     "beside: log squares left",
     "beside: log excess left",
 )
-# Where states are estimated a difference of losses is what probabilities say it is, elsewhere laws
-# that are not the catalogue's leave much of it: weights are fitted for both apart.
+# Kinds of loss, each with weights of its own: log densities, where states are estimated, are
+# nearly calibrated; squares are not, as laws that differ from the catalogue's leave some.
 LOSSES = ("squares", "density")
-FULL, FEWEST = 1e5, 5e3  # values of a campaign: with all channels, about; no fewer were practised
-LEAST = 1e-3  # squares a value, beside the noise's one: a gap below it is none
-CHANCE_SD = 2.0  # standard deviations of the mean square of noise that are no excess
-LEAST_SHARE = 1e-4  # of the squares that a pair takes, by its second effect: below it is nothing
+FULL, FEWEST = 1e5, 5e3  # number of values: usual with all channels; fewest of a practice campaign
+LEAST = 1e-3  # chi2 per value beyond the 1 of noise: a smaller gap counts as none
+CHANCE_SD = 2.0  # standard deviations of the mean square of noise that count as no excess
+LEAST_SHARE = 1e-4  # least part, by the second effect, of the chi2 that a pair removes
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What may be there.
+    """A possible explanation of a campaign.
 
     Attributes:
-        effects: ids; empty for none, ``("unknown",)``, or an effect and ``"unknown"`` for that
-            effect with something beside it that was not found.
-        candidate: its fit; None for unknown, that of the effect alone with something beside it.
+        effects: ids; empty for none; ``("unknown",)``; or an effect and ``"unknown"``: that effect
+            with something unknown beside it.
+        candidate: its fit; None for unknown; of the effect alone with something unknown beside it.
     """
 
     effects: tuple[str, ...]
@@ -91,7 +90,7 @@ class Explanation:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing unknown is beside an effect."""
+        """False for an effect with something unknown beside it, else true."""
         return UNKNOWN not in self.effects[1:]
 
 
@@ -104,11 +103,11 @@ class Chance(Explanation):
 
 @dataclass(frozen=True)
 class LabelledCampaign:
-    """A practice campaign as the fit of weights sees it.
+    """A practice campaign as input of the fit of the weights.
 
     Attributes:
         table: (k, len(NAMES)) numbers of its explanations.
-        true: (k,) which of them are true.
+        true: (k,) which of the explanations are true.
     """
 
     table: Array
@@ -116,10 +115,9 @@ class LabelledCampaign:
 
 
 def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
-    """Explanations, unknown and those with something beside them last, and their numbers.
+    """Return the k explanations of a campaign, and their numbers (k, len(NAMES)).
 
-    Returns:
-        k explanations, (k, len(NAMES)).
+    In the order none, single effects, pairs, unknown, single effects with unknown beside them.
     """
     none, *others = evidence.candidates
     singles = [c for c in others if len(c.effects) == 1]
@@ -190,7 +188,9 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
 
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
-    """Explanations with probabilities, most probable first; they sum to 1.
+    """Explanations with probabilities that sum to 1, most probable first.
+
+    ``weights``: (len(NAMES),); None: those of ``frozen_weights``.
 
     Raises:
         AnalysisError: evidence that is not finite.
@@ -212,13 +212,13 @@ def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
 
 
 def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags:
-    """Which explanations are true (k,), by what was tried.
+    """Mask (k,) of the explanations that are true; none of them may be.
 
-    A pair that was not tried is either of its effects with something unknown beside it; nothing
-    that was tried may be true.
+    If the truth is a pair that is not among them, either of its effects with something unknown
+    beside it is true.
 
     Args:
-        truth: effects; empty for none, ``("unknown",)``.
+        truth: ids of the true effects; empty for none; ``("unknown",)``.
     """
     exact = np.array([sorted(one.effects) == sorted(truth) for one in explanations])
     if exact.any() or len(truth) != 2:
@@ -227,7 +227,7 @@ def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags
 
 
 def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampaign:
-    """A campaign and its truth (as of ``are_true``) as the fit sees it."""
+    """Label the explanations of a campaign by its truth (as in ``are_true``)."""
     explanations, table = numbers(evidence)
     return LabelledCampaign(table, are_true(explanations, truth))
 
@@ -235,10 +235,10 @@ def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampa
 def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:
     """Weights (len(NAMES),) with the largest penalised likelihood of the truths.
 
-    A truth no effect of which was tried tells nothing and is passed over.
+    Campaigns none of whose explanations is true are ignored.
 
     Args:
-        truths: effects of each campaign; empty for none, ``("unknown",)``.
+        truths: true effects of each campaign, as in ``are_true``.
         penalty: precision of the prior of the weights about zero.
     """
     return fit_labelled(
@@ -252,11 +252,11 @@ def fit_labelled(
     start: Array | None = None,
     prior_mean: Array | None = None,
 ) -> Array:
-    """Weights by labelled campaigns, as ``fit``.
+    """``fit`` for labelled campaigns; without any that counts, the prior mean.
 
     Args:
-        start: of the search, which saves time alone.
-        prior_mean: None: zero.
+        start: (len(NAMES),) weights to start the search from, to save time; None: prior mean.
+        prior_mean: (len(NAMES),) prior mean of the weights; None: zero.
     """
     prior_mean = np.zeros(len(NAMES)) if prior_mean is None else prior_mean
     labelled = [one for one in labelled if one.true.any()]
@@ -289,12 +289,12 @@ def _frozen() -> Mapping[str, Any]:
 
 
 def frozen_weights(by_density: bool) -> Array:
-    """Those of the package for evidence by either of ``LOSSES``; of the other if it has none."""
+    """Weights (len(NAMES),) in ``calibration.json`` for a kind of loss, else for the other."""
     every = _frozen()["weights"]
     kept = every.get(LOSSES[by_density]) or every[LOSSES[not by_density]]
     return np.array([kept[name] for name in NAMES])
 
 
 def relative_error() -> float:
-    """What models miss of a size, as a share of it: by the same practice campaigns."""
+    """Standard deviation of the model error of a fitted size, relative to the size."""
     return float(_frozen()["relative error of a size"])

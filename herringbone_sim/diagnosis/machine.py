@@ -1,4 +1,4 @@
-"""What the diagnosis asks of a machine: observations of its runs and a catalogue of hypotheses.
+"""Interface of a machine to the diagnosis: observations of its runs, catalogue of hypotheses.
 
 Amplitudes are the values at which functions act: observation -> function -> (runs, rows).
 """
@@ -19,7 +19,7 @@ Amplitudes = Mapping[str, Mapping[str, Array]]
 
 
 class Machine(Protocol):
-    """Interface of a machine: observations of its runs, linearised about any amplitudes.
+    """A machine with recorded runs; its observations can be linearised about any amplitudes.
 
     Attributes:
         base: coefficients that every hypothesis contains: the tolerances.
@@ -36,14 +36,14 @@ class Machine(Protocol):
         """Names of the functions (columns) of each observation."""
 
     def hypotheses(self) -> list[Hypothesis]:
-        """The catalogue: every effect at every place with every option."""
+        """All hypotheses of the catalogue: every effect at every place with every option."""
 
     def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses suggested by the residual beyond the catalogue, such as a damaged tooth.
+        """Hypotheses that a residual suggests beyond the catalogue, such as a damaged tooth.
 
         Args:
-            amplitudes: of the current fit; its residual is searched.
-            known: the current fit.
+            amplitudes: of the current fit, whose residual is searched.
+            known: score of the current fit.
 
         Returns:
             Machine extended by the functions of the new hypotheses (itself if there are none),
@@ -56,31 +56,36 @@ class Machine(Protocol):
         """Evaluate hypotheses at finite sizes, for gaps that no linear fit explains.
 
         Args:
-            ranked: hypotheses with the mean of their linear fits, best first.
+            ranked: hypotheses with the mean of their linear fits (coefficients of ``known``
+                first), best first.
             known: fit without any of them.
 
         Returns:
-            Chi2, hypothesis and start of its fit (coefficients of ``known`` first), best first.
+            Triples of chi2 left, hypothesis and start values of its fit (p,), best first; may be
+            empty.
         """
 
     @property
     def estimates_states(self) -> bool:
-        """Whether blocks contain unknown states that are fitted with every explanation."""
+        """Whether blocks contain unknown states of motion, fitted anew with every explanation."""
 
     def with_more_values(self) -> Machine | None:
-        """The same machine with more values of its runs; None: all that time allows are in use."""
+        """Copy that compares more values of its runs; None where no more can be used."""
 
     def without_linearisation(self) -> Machine:
         """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly."""
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
-        """Measured quantities that an unknown law of these rows may depend on, for run r."""
+        """Measured quantities on which an unknown law of the rows of a block of run r may depend.
+
+        See ``diagnosis.flexible``.
+        """
 
     def cycles(self, observation: str, r: int) -> Array:
-        """(n,) cycles since the start of run r at every sample."""
+        """(n,) number of cycles since the start of run r, at every sample."""
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """Observations whose residual is linear in the functions up to these amplitudes."""
+        """Names of observations whose residual is linear in the amplitudes up to these ones."""
 
     def blocks(
         self,
@@ -91,8 +96,9 @@ class Machine(Protocol):
         """Residuals and columns of all runs about some amplitudes.
 
         Args:
+            amplitudes: point of linearisation.
             wanted: functions whose columns are formed, by observation; None: all.
-            observations: names of those that are formed.
+            observations: names of those for which blocks are formed.
 
         Returns:
             For each run, its blocks by observation.
@@ -106,13 +112,14 @@ class Hypothesis:
     Attributes:
         effect, options: as in the catalogue.
         locus: place, such as (mesh, planet, side).
-        coefficients: to fit; the effect's own parameters first, then departures from its curve.
-        n_own: number of own parameters.
-        source: object from which the machine rebuilds the hypothesis for other runs; None for
-            those of the catalogue.
+        coefficients: to fit; those of the effect itself first, then departures from the curve that
+            the catalogue gives it.
+        n_own: number of coefficients of the effect itself.
+        source: object from which the machine rebuilds the hypothesis for other runs; None for a
+            hypothesis of the catalogue.
         measured_gain: chi2 removed at the centres of its coefficients, evaluated by the machine
             where the effect is strongly nonlinear; None: the linear screen decides.
-        base_mean: values of all other coefficients at ``measured_gain``.
+        base_mean: values of the base coefficients with which ``measured_gain`` was evaluated.
         partly_screened: whether it also acts in observations where its columns are zero, so that a
             linear screen misses a part of its gain.
     """
@@ -129,17 +136,20 @@ class Hypothesis:
 
     @property
     def law(self) -> object:
-        """Which of the effect's laws it has: its option ``law``; None if there is one only."""
+        """Value of the option ``law``, by which an effect has several laws; None without it."""
         return dict(self.options).get("law")
 
     @property
     def is_linear(self) -> bool:
-        """Whether its columns stay as they are when its coefficients change."""
+        """Whether its columns do not change with its coefficients."""
         return all(c.scales_with_effect for c in self.coefficients)
 
     @property
     def vanishes_at_zero(self) -> bool:
-        """Whether it does nothing where its coefficients are zero: no exchange and no part."""
+        """Whether all prior means are zero, so that a fit can start without the effect.
+
+        False for exchanged channels and moving parts, which are present or absent.
+        """
         return not any(c.center for c in self.coefficients)
 
     def __post_init__(self) -> None:

@@ -1,11 +1,10 @@
 """Gram matrices of whitened columns, computed once for all hypotheses.
 
-A block is one observation of one run: R rows (residuals over time) and Q columns (change of a row
-by a unit amplitude of each function). A hypothesis is a weighted sum of functions on rows, so its
-normal equations are sums of entries of these matrices. Nuisance parameters of a row (drift, hum)
-and of a run (encoder eccentricity) have a Gaussian prior and are marginalised here.
-
-Longer than 300 lines: blocks, their products and the normal equations share one notation.
+A block is one observation of one run: R rows (residuals over time, such as one for each mesh) and
+Q columns (what a unit amplitude of each function adds to a row). A hypothesis is a weighted sum of
+functions on rows, so its normal equations are weighted sums of entries of these matrices. Nuisance
+parameters of a row (drift, hum) and of a run (encoder eccentricity) have a Gaussian prior and are
+marginalised here.
 """
 
 from __future__ import annotations
@@ -26,18 +25,19 @@ class Block:
     Attributes:
         observation, run: names.
         rows: names of the rows.
-        residual, sigma: (n, R) measured minus expected, and its noise, same unit.
+        residual, sigma: (n, R) measured minus expected, and the standard deviation of its noise.
         functions: names of the columns.
-        columns: (n, R, Q) change of the residual's expectation by a unit of each function.
-        nuisance: (n, R, S) columns of nuisance parameters of single rows of this run.
+        columns: (n, R, Q) what a unit amplitude of each function adds to the residual.
+        nuisance: (n, R, S) columns of S nuisance parameters of each row.
         nuisance_sd: (R, S) their prior standard deviations.
-        shared: (T, R, Q) nuisance parameters common to all rows, as weights of functions.
+        shared: (T, R, Q) amplitudes of the functions by a unit of each of T nuisance parameters
+            that act on several rows at once.
         shared_sd: (T,) their prior standard deviations.
-        independent_share: share of the samples with independent noise.
-        sample_index: (n,) samples of the run at which the residual is formed; None: all.
-        common_columns: (Q,) true where a column is the same in all rows; allowed only where noise
-            is constant in time and all rows have the same nuisance columns. Their products are
-            computed once. None: no such columns.
+        independent_share: number of independent values over the number of samples.
+        sample_index: (n,) index in the run of each sample of the residual; None: all samples.
+        common_columns: (Q,) true where a column is equal in all rows, so that its products are
+            computed once; allowed only where the noise is constant in time and all rows have the
+            same nuisance columns. None: no such columns.
     """
 
     observation: str
@@ -65,9 +65,10 @@ class Products:
         G: (R, Q, Q) Gram matrix X'X of the whitened columns.
         c: (R, Q) X'y with the whitened residual y.
         chi2: (R,) y'y.
-        count: (R,) independent values.
-        cross: (T, R, Q) L^-1 N'X of the shared nuisances N, with LL' their normal matrix.
-        cross_y: (T,) L^-1 N'y.
+        count: (R,) number of independent values.
+        cross: (T, R, Q) L^-1 N'X with the columns N of the shared nuisances; LL' is N'N plus their
+            prior precision.
+        cross_y: (T,) L^-1 N'y, summed over the rows.
     """
 
     observation: str
@@ -83,14 +84,17 @@ class Products:
 
     @property
     def chi2_without_nuisance(self) -> Array:
-        """(R,) chi2 with shared nuisances marginalised, their part taken from rows pro rata."""
+        """(R,) chi2 with shared nuisances marginalised too.
+
+        They lower the sum over the rows; each row is lowered in proportion to its ``chi2``.
+        """
         whole = float(self.chi2.sum())
         shared = float(self.cross_y @ self.cross_y)
         return self.chi2 * (1.0 - shared / whole) if whole > 0.0 else self.chi2
 
 
 def products(block: Block) -> Products:
-    """Compute the Gram matrices of a block, with nuisances of single rows marginalised."""
+    """Compute the products of a block, with nuisances of single rows marginalised."""
     n, R, Q = block.columns.shape
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
     chi2 = np.empty(R)
@@ -118,8 +122,9 @@ Gram = tuple[Array, Array, Array]
 
 
 def _grams(block: Block) -> Iterator[Gram]:
-    """Whitened products of each row: X'X (Q+1, Q+1) with the residual as last column of X, N'X
-    (S, Q+1) and N'N (S, S) of its nuisances N.
+    """Yield for each row X'X (Q+1, Q+1), N'X (S, Q+1) and N'N (S, S), all whitened.
+
+    The last column of X is the residual; N are the nuisance columns of the row.
     """
     if block.common_columns is not None:
         yield from _grams_common(block, block.common_columns)
@@ -133,7 +138,7 @@ def _grams(block: Block) -> Iterator[Gram]:
 
 
 def _grams_common(block: Block, alike: Flags) -> Iterator[Gram]:
-    """``_grams`` for blocks with common columns; ``alike``: their mask (Q,)."""
+    """Yield the products of ``_grams``; those of the common columns (mask ``alike``) only once."""
     Q, N = len(alike), block.nuisance[:, 0]
     C = np.ascontiguousarray(block.columns[:, 0, alike])
     of_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
@@ -151,7 +156,7 @@ def _grams_common(block: Block, alike: Flags) -> Iterator[Gram]:
 
 
 def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
-    """L^-1 N'X (T, R, Q) and L^-1 N'y (T,) of shared nuisances N, LL' = N'N + prior precision.
+    """Return ``cross`` (T, R, Q) and ``cross_y`` (T,) of ``Products``.
 
     Args:
         G, c: X'X (R, Q, Q) and X'y (R, Q) of the block.
@@ -168,7 +173,7 @@ def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
 
 
 def residual_without_nuisance(block: Block) -> Array:
-    """(n, R) whitened residual minus the posterior mean of its nuisances."""
+    """Return the residual over its noise (n, R), minus the posterior mean of all nuisances."""
     root = np.sqrt(block.independent_share)
     w = (root / block.sigma)[:, :, None]
     shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
@@ -182,7 +187,10 @@ def residual_without_nuisance(block: Block) -> Array:
 
 
 def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
-    """Function that subtracts the ridge fit of a row's nuisances from whitened values (n, ...)."""
+    """Return a function that subtracts from values (n, ...) their ridge fit by a row's nuisances.
+
+    Values must be whitened: multiplied by the root of ``independent_share``, over the noise.
+    """
     N = block.nuisance[:, row] * (np.sqrt(block.independent_share) / block.sigma[:, row])[:, None]
     normal = cho_factor(N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)) if N.size else None
 
@@ -193,7 +201,7 @@ def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
 
 
 def recentred(p: Products, a: Array) -> Products:
-    """Products of a linear observation with the origin moved to amplitudes ``a`` (R, Q)."""
+    """Products of a linear observation about amplitudes ``a`` (R, Q) instead of zero."""
     along = np.einsum("rqs,rs->rq", p.G, a)
     return replace(
         p,

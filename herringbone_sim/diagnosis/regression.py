@@ -25,7 +25,8 @@ class Normal:
         b: (runs, p) products of columns and whitened residual.
         sd: (p,) prior standard deviations.
         bound: (p,) largest magnitude; inf: unbounded.
-        reach: (p,) largest step from the solution for which the linearisation holds; None: any.
+        reach: (p,) largest step from the solution of all runs for which the linearisation holds;
+            None: unlimited.
     """
 
     A: Array
@@ -51,7 +52,7 @@ class Solution:
 
 
 def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
-    """Posterior mean inside the bounds, its covariance and the log evidence.
+    """Solve for the posterior mean inside the bounds, its covariance and the log evidence.
 
     Block principal pivoting: coefficients outside their bounds are fixed there, fixed ones whose
     gradient points inwards are released, and the free ones are solved again; one exchange at a
@@ -60,11 +61,11 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
 
     Args:
         A, b: (p, p), (p,) sums over runs of the arrays of ``Normal``.
-        sd, bound: (p,) prior standard deviations, and largest magnitudes, inf: unbounded.
+        sd, bound: (p,) prior standard deviations, and largest magnitudes (inf: unbounded).
 
     Returns:
-        The posterior, with coefficients at a bound as if they were known. For a singular matrix,
-        or where exchanges don't end, mean zero, the covariance of the prior and log evidence -inf.
+        The posterior, with coefficients at a bound treated as certain. For a singular matrix, or
+        where exchanges don't end: mean zero, the covariance of the prior, log evidence -inf.
     """
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
@@ -116,7 +117,7 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
 
 
 def _solved(factor: Array, right: Array) -> Array:
-    """As ``scipy.linalg.cho_solve``, which takes longer to come to this call than the call."""
+    """Solve with a Cholesky factor; ``scipy.linalg.cho_solve`` takes over twice the time."""
     return np.asarray(dpotrs(factor, right)[0]) if right.size else right
 
 
@@ -125,10 +126,10 @@ class LeftOut:
     """Leave-one-run-out prediction.
 
     Attributes:
-        fall: (runs,) decrease of the chi2 of each run when predicted from the others.
+        fall: (runs,) chi2 of each run at theta = 0 minus that when predicted from the others.
         log_density: (runs,) log predictive density minus that of theta = 0.
         whole: solution from all runs.
-        means: (runs, p) solutions without one run each.
+        means: (runs, p) solutions, each without one run.
     """
 
     fall: Array
@@ -138,7 +139,10 @@ class LeftOut:
 
 
 def leave_one_out(n: Normal) -> LeftOut:
-    """Predict every run from the others; a single run is predicted from itself."""
+    """Predict every run from the others; a single run is predicted from itself.
+
+    A solution without one run stays within ``n.reach`` of that from all runs.
+    """
     whole = solve(n.A.sum(0), n.b.sum(0), n.sd, n.bound)
     runs = len(n.b)
     fall, density, means = np.zeros(runs), np.zeros(runs), np.zeros((runs, len(whole.mean)))
@@ -157,16 +161,16 @@ def leave_one_out(n: Normal) -> LeftOut:
 
 
 def within(step: Array, reach: Array | None) -> Array:
-    """Scale a step (p,) down so that no coefficient exceeds its ``reach`` (p,)."""
+    """Return a step (p,), scaled down so that no coefficient moves beyond its ``reach`` (p,)."""
     if reach is None:
         return step
     return step / max(1.0, float(np.max(np.abs(step) / reach, initial=0.0)))
 
 
 def _log_density_correction(A: Array, b: Array, rest: Solution) -> float:
-    """Term of the log density by the covariance S of theta: r' S (1 + A S)^-1 r - log|1 + A S|.
+    """Twice the term of a run's log density by the covariance S of theta.
 
-    r = b - A mean.
+    r' S (1 + A S)^-1 r - log|1 + A S| with r = b - A mean; 0 where the determinant isn't positive.
     """
     left = b - A @ rest.mean
     middle = np.eye(len(b)) + A @ rest.covariance

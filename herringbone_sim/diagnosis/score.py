@@ -1,6 +1,6 @@
 """Leave-one-run-out prediction error of a linearised fit, at the prior scale that predicts best.
 
-chi2 is a whitened sum of squares: noise alone leaves 1 a value.
+chi2 is a whitened sum of squares: noise alone contributes 1 per value.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ DEPARTURE_ROUNDS = 2
 # Factors tried on the prior of an effect's size (1: moderate effect), half a decade apart; chosen.
 PRIOR_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 
-ROUNDED = 1e-3  # squares of a run that rounding may change
+ROUNDED = 1e-3  # largest rounding error of the chi2 of a run whose linear prediction is used
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class Score:
         coefficients: tolerances first.
         mean: (p,) posterior mean from all runs.
         covariance: (p, p) posterior covariance for the assumed noise.
-        leave_one_out_means: (runs, p) posterior means without one run each.
+        leave_one_out_means: (runs, p) posterior means, each without one run.
         chi2: (runs,) chi2 left of each run when predicted from the others.
         in_sample: chi2 left when all runs are fitted.
-        log_density: sum of log predictive densities of the left-out runs.
+        log_density: sum of log predictive densities of the left-out runs, up to a constant.
         prior_scale: factor on the priors that predicted best, see ``PRIOR_SCALES``.
         chi2_by_row: (runs, R) chi2 left in sample, by observation.
         count: number of whitened values.
-        by_density: whether ``loss`` is of the density: where states are estimated too.
+        by_density: whether ``loss`` is by ``log_density``, as where states are estimated.
     """
 
     coefficients: tuple[Coefficient, ...]
@@ -59,10 +59,10 @@ class Score:
 
     @property
     def loss(self) -> float:
-        """What is left of runs that are predicted from the others.
+        """Prediction error of the left-out runs: their chi2, or -2 times ``log_density``.
 
-        The chi2, or minus twice the log predictive density, which knows how uncertain parameters
-        are from few values; both are a sum of squares where parameters are certain.
+        The density accounts for the uncertainty of coefficients fitted to few values; where they
+        are certain, both losses are equal.
         """
         return -2.0 * self.log_density if self.by_density else float(self.chi2.sum())
 
@@ -70,7 +70,8 @@ class Score:
         """(p, p) posterior covariance plus the jackknife covariance over runs.
 
         The posterior assumes white noise; the jackknife also contains model error that differs
-        between runs. It is widened by the ratio of Student's to normal 95 % quantiles.
+        between runs. It is widened by the squared ratio of Student's to normal 95 % quantiles. Of
+        a single run, the posterior covariance alone.
         """
         runs = len(self.leave_one_out_means)
         if runs < 2:
@@ -87,16 +88,19 @@ def compute_score(
     mean: Array | None = None,
     sizes: Sequence[float] = PRIOR_SCALES,
 ) -> Score:
-    """Score of the linearised campaign, at the prior scale with the best predictive density.
+    """Score a linearised campaign, at the prior scale with the best predictive density.
 
-    Where the motion under a change is so wild that its columns leave the squares of a run at the
-    centre of the prior to rounding, the run counts as it is at the point of linearisation.
+    A run with columns so large that rounding errors decide its chi2 at the centre of the prior
+    (``ROUNDED``) counts with its chi2 at the point of linearisation.
 
     Args:
         campaign: products formed about ``mean``.
-        coefficients: of a hypothesis, beyond the tolerances.
-        mean: (p,) point of linearisation; None: zero.
+        coefficients: of a hypothesis, beyond those of ``campaign.base``.
+        mean: (p,) point of linearisation, coefficients of the base first; None: zero.
         sizes: prior scales to try.
+
+    Returns:
+        Score without ``chi2_by_row`` and ``count``.
     """
     every = (*campaign.base, *coefficients)
     A, b = campaign.normal_equations(coefficients)
@@ -144,12 +148,15 @@ def compute_score(
 
 
 def trust_region(coefficients: Sequence[Coefficient]) -> Array:
-    """(p,) largest steps for which columns hold: the prior where they change with amplitudes."""
+    """Return the largest step (p,) of each coefficient for which a linearisation is trusted.
+
+    The prior standard deviation where columns change with the amplitudes, else inf.
+    """
     return np.array([np.inf if c.scales_with_effect else c.sd for c in coefficients])
 
 
 def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
-    """(p,) size of the effect that each departure belongs to, 1 for a moderate one; else 1."""
+    """(p,) for each departure, the fitted size of its effect over a moderate one; elsewhere 1."""
     found, size = np.ones(len(mean)), 1.0
     for i, c in enumerate(coefficients):
         if c.departs_from and not coefficients[i - 1].departs_from:
@@ -161,6 +168,6 @@ def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
 
 
 def _chi2_reduction(A: Array, b: Array, step: Array) -> Array:
-    """(runs,) decrease of the chi2 by a step (p,) of the coefficients."""
+    """(runs,) decrease of the chi2 by a step (p,) of the coefficients, in the linear model."""
     fall: Array = 2.0 * b @ step - np.einsum("i,rij,j->r", step, A, step)
     return fall

@@ -1,7 +1,4 @@
-"""Score hypotheses by leave-one-run-out prediction: all of them linearly, the best ones exactly.
-
-chi2 is a whitened sum of squares: noise alone leaves 1 a value.
-"""
+"""Score hypotheses by leave-one-run-out prediction, in a linear screen or by Gauss-Newton fits."""
 
 from __future__ import annotations
 
@@ -33,7 +30,11 @@ CHANCE_CHI2 = 10.0
 def amplitudes(
     coefficients: Sequence[Coefficient], mean: Array, runs: int, rows: Mapping[str, int]
 ) -> dict[str, dict[str, Array]]:
-    """Amplitudes of all functions at values ``mean`` (p,) of the coefficients."""
+    """Amplitudes (runs, rows) of the functions of p coefficients, by observation and function.
+
+    Args:
+        mean: (p,) values of the coefficients; (p, runs) where they differ between runs.
+    """
     found: dict[str, dict[str, Array]] = {}
     for c, value in zip(coefficients, mean, strict=True):
         for o, placement in c.placements.items():
@@ -45,7 +46,7 @@ def amplitudes(
 
 
 def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
-    """Names of the functions that coefficients use, by observation."""
+    """Names of the functions on which coefficients act, by observation."""
     found: dict[str, dict[str, None]] = {}
     for c in coefficients:
         for o, placement in c.placements.items():
@@ -54,7 +55,7 @@ def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
 
 
 class Search:
-    """Fits and scores of hypotheses on the runs of one machine.
+    """Fits and scores of hypotheses on the runs of one machine; fits the tolerances when created.
 
     Args:
         machine: with its runs.
@@ -62,8 +63,9 @@ class Search:
         start: (p,) start values of the tolerances; None: zero.
 
     Attributes:
-        null: score of the calibrated machine, or of the fit that ``onwards`` was given.
-        campaign: products about ``null``; set by ``onwards``.
+        base: coefficients of every fit: the tolerances, or those of the fit given to ``onwards``.
+        null: score of the fit of the base alone.
+        campaign: products linearised about ``null``; set by ``onwards``.
     """
 
     def __init__(
@@ -86,13 +88,13 @@ class Search:
         mean: Array,
         wanted: Mapping[str, Sequence[str]] | None,
     ) -> CampaignProducts:
-        """Products of all observations about a solution.
+        """Products of all observations, linearised about values of the coefficients.
 
-        Observations that are linear up to there are computed once at zero and shifted.
+        Observations that are linear up to these values are computed once at zero and shifted.
 
         Args:
             coefficients: of a hypothesis, beyond the base.
-            mean: (p,) values, those of the base first.
+            mean: (p,) or (p, runs) values, those of the base first.
             wanted: functions whose columns are formed, by observation; None: all.
         """
         machine, every = self.machine, (*self.base, *coefficients)
@@ -116,7 +118,7 @@ class Search:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        """Blocks of the machine with its noise times ``noise``."""
+        """``Machine.blocks`` with the noise multiplied by the factors of this search."""
         made = self.machine.blocks(amplitudes, wanted, observations)
         return [
             {
@@ -129,9 +131,9 @@ class Search:
     def refined(
         self, coefficients: Sequence[Coefficient], start: Array, rounds: int = MAX_ROUNDS
     ) -> Score:
-        """Fit by Gauss-Newton, then score about the solution.
+        """Fit a hypothesis by Gauss-Newton, then score it about the solution.
 
-        A start at which a run diverges explains nothing: the base of the search takes its place.
+        Where a run diverges at ``start``, it starts from ``null`` and the centres of the priors.
 
         Args:
             coefficients: of a hypothesis, beyond the base.
@@ -177,7 +179,7 @@ class Search:
         assert best is not None
         mean, campaign = best
         found = self.scored(campaign, coefficients, mean)
-        # The last step was not tried: stay at the solution.
+        # The mean found is one more, untried, step away: keep the last point that was evaluated.
         off = found.leave_one_out_means - found.mean
         if all(c.scales_with_effect for c in every):
             A, b = campaign.normal_equations(coefficients)
@@ -190,8 +192,8 @@ class Search:
             chi2 = np.where(np.isfinite(chi2), chi2, diverged)
         in_sample = float(campaign.chi2.sum())
         density = found.log_density + 0.5 * float((found.chi2 - chi2).sum())
-        # Far from linear that goes astray, above what the fit to all runs allows: then without the
-        # variance of the coefficients.
+        # Far from linear, the density may come out higher than the fit to all runs allows: then
+        # its term by the variance of the coefficients is left out.
         if density > -0.5 * in_sample:
             density = -0.5 * max(in_sample, float(chi2.sum()))
         found = replace(
@@ -212,14 +214,14 @@ class Search:
         mean: Array,
         sizes: Sequence[float] = PRIOR_SCALES,
     ) -> Score:
-        """``compute_score`` with the loss that suits the machine."""
+        """``compute_score``, with ``by_density`` set where the machine estimates states."""
         found = compute_score(campaign, coefficients, mean, sizes)
         return replace(found, by_density=self.machine.estimates_states)
 
     def _cannot_improve(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
-        """Whether the linear prediction of a fit is no better than the calibrated machine.
+        """Whether the next step of a fit, predicted linearly, is no better than ``null``.
 
-        Where columns change with the amplitudes, whether it gains too little in sample.
+        Judged by the loss; where columns change with the amplitudes, by the chi2 gained in sample.
         """
         if not coefficients:
             return False
@@ -229,20 +231,20 @@ class Search:
 
     @property
     def worth(self) -> float:
-        """Chi2 worth explaining; all beyond chance where states are estimated."""
+        """Smallest relevant decrease of chi2; that of chance alone where states are estimated."""
         if self.machine.estimates_states:
             return CHANCE_CHI2
         return MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, found: Score) -> Score:
-        """Score with one more step if it helps, all observations computed exactly at the fit."""
+        """Score of a fit with all observations exact, after one more step if it helps."""
         fine = copy.copy(self)
         fine.machine = self.machine.without_linearisation()
         coefficients = found.coefficients[len(self.base) :]
         return fine.refined(coefficients, found.mean, 2)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
-        """Minus the chi2 that a hypothesis removes: linear, in sample, without bounds."""
+        """Minus the chi2 that a hypothesis removes in a linear fit to all runs, without bounds."""
         n = len(self.base)
         A, b = self.campaign.normal_equations(coefficients)
         sd = np.array([c.sd for c in (*self.base, *coefficients)])
@@ -256,11 +258,10 @@ class Search:
         return float(-(2.0 * b @ off - off @ A @ off) - left @ np.linalg.solve(own, left))
 
     def onwards(self, machine: Machine, taken: Score | None = None) -> Search:
-        """Copy for a machine with further functions, linearised about ``null``.
+        """Copy for the same machine or one extended by functions, linearised about ``null``.
 
         Args:
-            machine: the same or an extended one.
-            taken: fit whose coefficients become part of the base; None: keep base and ``null``.
+            taken: score that becomes ``null`` and its coefficients the base; None: both stay.
         """
         found = copy.copy(self)
         found.machine = machine
@@ -276,13 +277,13 @@ class Search:
         return found
 
     def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:
-        """Linear leave-one-run-out score about ``null``, at one prior scale."""
+        """Leave-one-run-out score at prior scale ``size`` by a linear fit about ``null``."""
         start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
         return self.scored(self.campaign, coefficients, start, (size,))
 
 
 def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
-    """Amplitudes (R, Q) of run r in the order of the functions of ``p``."""
+    """(R, Q) amplitudes ``made`` of run r, in the order of the functions of ``p``."""
     a = np.zeros((len(p.rows), len(p.functions)))
     for name, values in made.items():
         a[:, p.functions.index(name)] = values[r]
@@ -290,7 +291,7 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
 
 
 def _chi2_by_row(campaign: CampaignProducts) -> tuple[dict[str, Array], float]:
-    """Chi2 (runs, R) by observation, and the number of values in rows that are recorded."""
+    """Chi2 (runs, R) by observation, and the number of values in all recorded rows."""
     every = [p for of_run in campaign.runs for p in of_run.values()]
     left = {
         o: np.stack([r[o].chi2_without_nuisance for r in campaign.runs])

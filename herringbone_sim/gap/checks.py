@@ -1,4 +1,4 @@
-"""Checks of a campaign: problems of the data by run, channel and time, and limits on results."""
+"""Check a campaign: find problems of the data by run, channel and time, and limits on results."""
 
 from __future__ import annotations
 
@@ -27,16 +27,18 @@ from herringbone_sim.gap.residuals.misfit import (
 from herringbone_sim.gap.sensors.detrended import settle_detrended
 
 FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
-SHORT = 0.5  # of the median number of mesh cycles, below which a run is reported
+SHORT = 0.5  # fraction of the median number of mesh cycles below which a run is reported
 TORQUE_TOLERANCE = 0.7  # relative, of the mean sun force against the input torque
-FORCED, MOVING, FEW = 2, 1, 0  # channels of a run: force and motion of a mesh, all motions, fewer
+# Classes of a run's channels: force and motion of a mesh, motion of all meshes, fewer.
+FORCED, MOVING, FEW = 2, 1, 0
 
 
 def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, ...]]:
-    """Check a campaign and remove what can't be used.
+    """Check a campaign, and remove runs and channels that can't be used.
 
-    Channels in a wrong unit are removed from their run, runs of another gear from the campaign.
-    Sensor errors are not sought here, see ``sensors``.
+    Removed are, among others, channels in a wrong unit, runs that are too short or copies, and
+    runs of another gear. Sensor errors are not sought here, see ``sensors``. Rotations that lack
+    their mean get that of the nominal gear, or are removed (``settle_detrended``).
 
     Returns:
         The campaign without unusable runs and channels, and all findings.
@@ -68,7 +70,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
 
 
 def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:
-    """A finding for each run that could not be read."""
+    """Return a fatal finding for each run that could not be read."""
     return [
         Finding("missing", name, (), None, f"{name} is not used: {reason}", fatal=True)
         for name, reason in campaign.missing
@@ -78,7 +80,7 @@ def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:
 def _without_fatal(
     runs: Sequence[PreparedRun], new: Sequence[Finding], findings: list[Finding]
 ) -> list[PreparedRun]:
-    """Runs without a fatal finding among ``new``, which is appended to ``findings``."""
+    """Append ``new`` to ``findings``; return the runs without a fatal finding among ``new``."""
     findings += new
     out = {finding.run for finding in new if finding.fatal}
     return [run for run in runs if run.name not in out]
@@ -87,7 +89,11 @@ def _without_fatal(
 def _same_speed(
     runs: Sequence[PreparedRun], findings: list[Finding]
 ) -> tuple[list[PreparedRun], float]:
-    """Runs with the most common ratio of mesh frequency to the nominal one, and that ratio."""
+    """Runs with the most common ratio of mesh frequency to the nominal one, and that ratio.
+
+    Findings on the other runs, and on time or phase in another unit than SI, are appended to
+    ``findings``. Without runs the ratio is 1.
+    """
     ratios = {run.name: speed_ratio(run) for run in runs}
     units = [clock_unit(run, ratios[run.name]) for run in runs]
     runs = _without_fatal(runs, [unit for unit in units if unit], findings)
@@ -99,7 +105,7 @@ def _same_speed(
 
 
 def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Runs that are too short, or much shorter than the others."""
+    """Findings for runs that are too short (fatal), or much shorter than the median run."""
     cycles = [run.cycles for run in runs]
     findings = []
     for run, own in zip(runs, cycles, strict=True):
@@ -117,7 +123,7 @@ def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Runs with the same samples as another one."""
+    """Return a fatal finding for each run with the same samples as an earlier run."""
     findings = []
     for one, other in combinations(runs, 2):
         same = len(one) == len(other) and all(
@@ -133,7 +139,7 @@ def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def _other_operating_point(run: PreparedRun) -> list[Finding]:
-    """Recorded operating points that differ from that of campaign.yaml."""
+    """Findings for recorded quantities of the operating point that contradict campaign.yaml."""
     findings = []
     for name, values in run.recorded_point.items():
         stated = run.point[name]
@@ -150,7 +156,7 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
 
 
 def _wrong_torque(run: PreparedRun) -> list[Finding]:
-    """A finding if the mean force of the sun meshes does not balance the input torque."""
+    """A finding, if forces of all sun meshes are recorded and don't balance the input torque."""
     half = run.F.recorded.size // 2
     if not run.F.recorded[:half].all():
         return []
@@ -173,7 +179,7 @@ def _wrong_torque(run: PreparedRun) -> list[Finding]:
 
 
 def _finite_shares(run: PreparedRun, fused: Fused) -> Array:
-    """``unexplained_force_shares`` of the meshes where they are known."""
+    """``unexplained_force_shares`` of the meshes where they are finite."""
     share = unexplained_force_shares(run, fused)
     return share[np.isfinite(share)]
 
@@ -181,10 +187,11 @@ def _finite_shares(run: PreparedRun, fused: Fused) -> Array:
 def _same_channel_class(
     runs: Sequence[PreparedRun], fused: dict[str, Fused], findings: list[Finding]
 ) -> list[PreparedRun]:
-    """Restrict the fit runs to the class of channels that at least half of them have.
+    """Restrict the fit runs to the highest class of channels that at least half of them reach.
 
-    All fit runs must allow the same observations: runs with fewer channels are left out, and
-    forces that most runs lack are not used.
+    All fit runs must allow the same observations: fit runs of a lower class are left out, and
+    forces that most fit runs lack are not used. Findings on both are appended to ``findings``.
+    Returns all remaining runs; held-out runs stay as they are.
     """
     fit = [run for run in runs if run.role == "fit"]
     levels = {run.name: _channel_class(run, fused[run.name]) for run in fit}
@@ -211,14 +218,17 @@ def _same_channel_class(
 
 
 def _channel_class(run: PreparedRun, fused: Fused) -> int:
-    """``FORCED``, ``MOVING`` or ``FEW``."""
+    """Class of the channels of a run: ``FORCED``, ``MOVING`` or ``FEW``."""
     if (fused.known_meshes & run.F.recorded).any():
         return FORCED
     return MOVING if fused.known_meshes.all() else FEW
 
 
 def _limits(campaign: PreparedCampaign) -> list[Finding]:
-    """Limits on the results by noise, roles, number of runs and quantities."""
+    """Findings on what limits the results: unknown noise, roles, number of runs, quantities.
+
+    Fatal if there is no run of role ``fit``.
+    """
     findings = []
     if not campaign.noise_known:
         text = (
@@ -244,7 +254,7 @@ def _limits(campaign: PreparedCampaign) -> list[Finding]:
 
 
 def _quantity_limits(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Findings on what can't be told as mesh forces, rates, or x and u together were not recorded.
+    """Findings on limits because mesh forces, rates, or x together with u were not recorded.
 
     Args:
         runs: fit runs; without any there are no findings.

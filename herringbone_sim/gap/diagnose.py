@@ -1,4 +1,4 @@
-"""Diagnosis of a campaign: from prepared runs to verdict, gap and report."""
+"""Diagnose a campaign: from prepared runs to verdict, gap and report."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Say = Callable[[str], None]
-STRIDE = 2  # samples between values of the force law in the search
+STRIDE = 2  # samples from one value of the force law to the next in the search
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Diagnosis:
     """Result of the diagnosis of a campaign.
 
     Attributes:
-        evidence: scores of all hypotheses; None where nothing could be examined.
+        evidence: scores of the explanations; None where nothing could be examined.
         calibrated: fit runs and calibration.
         augmented: the nominal model, recalibrated, with the effects of the verdict.
-        report: verdict, gap and all else that is told of the diagnosis.
+        report: verdict, gap and all other results, as written to ``report.json``.
     """
 
     evidence: Evidence | None
@@ -74,8 +74,8 @@ def diagnose(
     Args:
         campaign: as prepared.
         say: called with a line of progress.
-        senses: whether to measure the gap as prediction and attractor too, and to reconstruct
-            the mesh forces from few channels.
+        senses: whether to also measure the gap as prediction and attractor, reconstruct the mesh
+            forces from few channels, and design the next experiment.
 
     Raises:
         AnalysisError: no run of role ``fit``.
@@ -91,7 +91,7 @@ def diagnose(
     if nominal_mismatched(findings) or not machine.observation_names:
         return _undiagnosed(campaign, findings, machine, senses)
     examined = examine(machine, say, campaign.noise_known)
-    assert isinstance(examined.machine, GearMachine)  # what was given, if with more windows
+    assert isinstance(examined.machine, GearMachine)  # the given one, or with more windows
     machine = examined.machine
     evidence = evidence_of(examined, campaign.noise_known)
     judged = chances(evidence)
@@ -143,7 +143,7 @@ def diagnose(
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Estimate unknown noise, remove copied channels and compensate a common delay of the runs."""
+    """Campaign with unknown noise estimated, and copied channels and a common delay removed."""
     if not campaign.noise_known:
         campaign = replace(
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
@@ -153,7 +153,10 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
 
 
 def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Learn noise that is not told from windows of the motion, where those are followed."""
+    """Campaign with unknown noise estimated from windows of the motion, if those are fitted.
+
+    Returned unchanged where the noise is known, or force law or torque balance can be formed.
+    """
     runs = campaign.runs
     told = campaign.noise_known and all(run.means_known for run in runs)
     if told or not Gear(deciding(runs), stride=STRIDE).uses_windows:
@@ -162,7 +165,7 @@ def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
-    """The gear with the fit runs of a campaign, as the engine of the diagnosis takes it.
+    """The gear with the fit runs (thirds of a single one) as the machine of the diagnosis.
 
     Raises:
         AnalysisError: no run of role ``fit``.
@@ -172,7 +175,10 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
 
 
 def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
-    """Gain tolerance (n_mesh,) of the force sensors: of campaign.yaml, or that of gauges."""
+    """Gain tolerance (n_mesh,) of the force sensors, as the campaign gives it; may be empty.
+
+    If the campaign gives neither tolerances nor noise, that of strain gauges.
+    """
     tolerances = campaign.gain_tolerance
     if campaign.noise_known or any(tolerances):
         return tolerances
@@ -180,7 +186,7 @@ def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
-    """Runs of the role ``fit``; AnalysisError if there are none."""
+    """Runs of the role ``fit``; raise AnalysisError with the fatal findings if there are none."""
     fit = campaign.of_role("fit")
     if not fit:
         reasons = "; ".join(f.text for f in findings if f.fatal)
@@ -189,14 +195,14 @@ def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[
 
 
 def _fit_of(examined: Examination, evidence: Evidence, chance: Chance) -> FittedExplanation:
-    """The fit of the explanation with a probability."""
+    """The fit in an examination that belongs to a judged explanation."""
     every = (examined.none, *examined.singles, *examined.pairs)
     at = next(i for i, c in enumerate(evidence.candidates) if c is chance.candidate)
     return every[at]
 
 
 def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> Augmented:
-    """The nominal model with the calibration of a fit and the effects of an explanation."""
+    """The nominal model with the calibration of a fit and any effects of an explanation."""
     values = {c.name: v for c, v in zip(fit.score.coefficients, fit.score.mean, strict=True)}
     factors = np.array(
         [1.0 + values[f"{q}_{kind}"] for q in "kce" for kind in ("sp", "rp")], dtype=float
@@ -209,8 +215,8 @@ def augmented(fit: FittedExplanation, explanation: NamedExplanation | None) -> A
 def _calibrated(machine: GearMachine, examined: Examination) -> Calibrated:
     """Fit runs with their fused motion, and the calibration from the fit without effects.
 
-    The residual of a mesh is its chi2 left in the force law over its number of values: the
-    number of all values, divided equally among the meshes with a residual. None without force law.
+    ``per_mesh`` is the chi2 left in the force law over the number of values of a mesh: that of all
+    values, divided equally among the meshes with a residual.
     """
     cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     rows = examined.none.score.chi2_by_row.get("force_law")
@@ -228,7 +234,10 @@ def _undiagnosed(
     machine: GearMachine,
     full: bool,
 ) -> Diagnosis:
-    """Result for a campaign without any observation, or with a nominal file of another rig."""
+    """Result for a campaign without any observation, or with a nominal file of another rig.
+
+    The verdict is ``unknown``, the gap NaN. For ``full`` see ``_report``.
+    """
     judged = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
     if nominal_mismatched(findings):
         judged = [Chance(("unknown",), None, 1.0)]
@@ -254,7 +263,7 @@ def _report(
     senses: Senses | None = None,
     forces: ReconstructedForces | None = None,
 ) -> Report:
-    """Report of a diagnosis.
+    """Assemble the report of a diagnosis.
 
     Args:
         campaign, findings: as checked.
@@ -263,8 +272,8 @@ def _report(
         model: augmented model.
         verdict: of the diagnosis.
         gap: of all runs in the metric of the verdict.
-        full: whether to design the next experiment and locate the residual too.
-        senses, forces: where measured.
+        full: whether to design the next experiment and to analyse where the residual lies.
+        senses, forces: None where not measured.
     """
     point = design(campaign, calibrated, verdict, model) if full else None
     noise = recorded_noise(machine.gear.runs, campaign.noise_known)

@@ -1,4 +1,4 @@
-"""Observations that the channels of a campaign allow, without a diagnosis."""
+"""Find the observations that the channels of a campaign allow, without a diagnosis."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FeasibleObservations:
 
     Attributes:
         observations: their names.
-        findings: problems of the data, and limits on what they can show.
+        findings: problems of the data, and limits on the results of a diagnosis.
     """
 
     observations: tuple[str, ...]
@@ -29,7 +29,7 @@ class FeasibleObservations:
 
 
 def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
-    """Observations that a diagnosis of the campaign would use."""
+    """Find the observations that a diagnosis of a campaign would use; none without fit runs."""
     campaign, findings = check(campaign)
     fit = campaign.of_role("fit")
     if not fit:

@@ -1,4 +1,4 @@
-"""The gap of every run in one observation, by the residuals of the engine.
+"""Measure the gap of every run as the residual of one observation.
 
 Each run is compared with the nominal gear, with the calibrated gear and with the calibrated gear
 with effects; all coefficients are those fitted to the fit runs.
@@ -23,13 +23,14 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 def metric_of(
     none: FittedExplanation, best: FittedExplanation | None, counts: Mapping[str, float]
 ) -> str:
-    """The observation in which the best explanation lowers chi2 most.
+    """Name of the observation in which to measure the gap.
 
-    Where it lowers chi2 in none, that with the largest chi2 above the expectation by noise.
+    That in which the best explanation lowers chi2 most. Where it lowers chi2 in none, that with
+    the largest chi2 above the expectation by noise.
 
     Args:
-        none: fit of the calibrated gear.
-        best: fit of the best explanation, if there is one.
+        none: fit without effects.
+        best: fit of the best explanation; None: there is none.
         counts: number of whitened values, by observation.
     """
     before = {o: float(rows.sum()) for o, rows in none.score.chi2_by_row.items()}
@@ -51,19 +52,19 @@ def gap_of(
     noise: Array | float = 1.0,
     noise_known: bool = True,
 ) -> Gap:
-    """The gap of runs in one observation.
+    """Measure the gap of runs in one observation.
 
     Args:
         machine: of all runs of the campaign, at every sample.
-        runs: these runs.
+        runs: all runs of the campaign.
         metric: name of the observation.
-        none: fit of the calibrated gear.
-        best: fit of the verdict's explanation.
-        other: fit of the runner-up.
+        none: fit without effects.
+        best: fit of the verdict's explanation; None: that without effects.
+        other: fit of the runner-up; None: its residual is NaN.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
         noise_known: whether the campaign gives the noise. If not, or if rotations lack their
-            mean, the floor of force law and windows is at most what the best explanation leaves;
-            of the force law, at most the white part of that.
+            mean, the floor of force law and trajectory is at most the residual of the best
+            explanation, and of the force law at most the white part of that.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     estimated = not noise_known or any(run.detrended for run in runs)
@@ -101,14 +102,14 @@ def _residual_rms(
     noise: Array,
     bounded: bool,
 ) -> list[tuple[float, float]]:
-    """RMS of the residual of each run after a fit (None: nominal gear), and of its noise.
+    """RMS of the residual and RMS of its noise for each run; NaN without the observation.
 
     Args:
         machine: with the runs.
         metric: name of the observation.
-        fit: of an explanation.
+        fit: of an explanation; None: residual of the nominal gear.
         noise: (R,) actual over assumed noise of each row of the observation.
-        bounded: whether the noise is at most what is left, or of the force law white in it.
+        bounded: whether to bound the noise by the residual, of the force law by its white part.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}
@@ -122,7 +123,7 @@ def _residual_rms(
             continue
         b = block[metric]
         known = np.any(b.residual != 0.0, axis=0)
-        # Rows that no fit run has get the factor of the others.
+        # Rows beyond those of the fit runs get the RMS of the factors.
         factor = np.pad(noise, (0, len(known) - len(noise)), constant_values=rms(noise))
         left, floor = b.residual[:, known], rms((b.sigma * factor)[:, known])
         if bounded:

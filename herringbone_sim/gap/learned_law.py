@@ -1,4 +1,4 @@
-"""Learned laws: curves that a diagnosis fits to effects with a free shape."""
+"""Curves that a diagnosis fits to effects whose law has a free shape, for the report."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class LearnedLaw:
 
     Attributes:
         effect: id.
-        x_name, x_unit, y_name, y_unit: of the axes.
+        x_name, x_unit, y_name, y_unit: names and units of the axes.
         x, y: (n,) points of the curve.
-        low, high: (n,) its 90 % band.
+        low, high: (n,) limits of its 90 % band.
     """
 
     effect: str
@@ -36,7 +36,7 @@ class LearnedLaw:
     high: Array
 
     def to_dict(self) -> dict[str, object]:
-        """The curve as plain data for the report."""
+        """The curve as plain data for ``report.json``."""
         return {
             "effect": self.effect,
             "x": {"name": self.x_name, "unit": self.x_unit, "values": self.x.tolist()},
@@ -51,7 +51,7 @@ class LearnedLaw:
 
 
 def learned_law(h: Hypothesis, mean: Array, draws: Array) -> LearnedLaw | None:
-    """The fitted curve of an effect; None if it has no free shape.
+    """The fitted curve of an effect with its 90 % band; None if its law has no free shape.
 
     Args:
         h: hypothesis with the coefficients of the curve.
@@ -73,13 +73,13 @@ PHASES = np.linspace(0.0, 2.0 * np.pi, 97)
 
 
 def _trig(name: str) -> Array:
-    """Cosine or sine over ``PHASES`` for a coefficient named such as ``2 sin``."""
+    """Cosine or sine (97,) over ``PHASES`` for a coefficient named such as ``2 sin``."""
     order, _, trig = name.partition(" ")
     return np.asarray({"cos": np.cos, "sin": np.sin}[trig](float(order) * PHASES))
 
 
 def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Function that makes the curve over the mesh phase from a hypothesis."""
+    """Return a function of a hypothesis that makes the curve of a wave over the mesh phase."""
 
     def make(h: Hypothesis) -> Curve:
         order = dict(h.options)["order"]
@@ -125,7 +125,7 @@ def _over_shaft(h: Hypothesis) -> Curve:
 
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Function that makes the curve over the window of a tooth event from a hypothesis."""
+    """Return a function of a hypothesis that makes the curve of a tooth event over its window."""
 
     def make(h: Hypothesis) -> Curve:
         matrix: Array = np.column_stack([BUMP, np.eye(len(KNOTS))])
@@ -135,14 +135,14 @@ def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
 
 
 def _over_load(h: Hypothesis) -> Curve:
-    """Curve of the stiffness factor minus 1 over the deflection."""
+    """Curve of the stiffness factor minus 1 over the deflection ``LOADS_M`` [m]."""
     slope = np.log(LOADS_M / 1e-5)
     matrix = np.column_stack([slope, np.ones(len(LOADS_M)), np.eye(len(LOADS_M))])
     return LOADS_M, matrix, ("deflection", "m", "stiffness factor less 1", "-")
 
 
 def _damping(h: Hypothesis) -> Curve:
-    """Curve of the damping factor minus 1 over the deflection."""
+    """Curve of the damping factor minus 1 over the deflection in contact ``LOADS_M`` [m]."""
     slope, bend = LOADS_M / 1e-5, np.eye(len(LOADS_M))
     in_contact = dict(h.options)["law"] == "contact"
     main = [np.zeros_like(slope)] if in_contact else [slope - 1.0, slope]
@@ -154,7 +154,7 @@ TEMPERATURES = np.linspace(0.0, 100.0, 21)
 
 
 def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypothesis], Curve]:
-    """Function that makes the curve over the temperature rise from a hypothesis."""
+    """Return a function of a hypothesis that makes ``sign`` times the curve over delta_T [K]."""
 
     def make(h: Hypothesis) -> Curve:
         T = TEMPERATURES
@@ -166,7 +166,7 @@ def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypoth
 
 
 def _friction(h: Hypothesis) -> Curve:
-    """Curve of the coefficient of friction over the mesh phase."""
+    """Curve of the coefficient of friction, with the sign of sliding, over the mesh phase."""
     s = np.linspace(-np.pi, np.pi, 96)
     shapes = balance.friction_shapes(s)
     columns = [shapes[g] for g in balance.FRICTION if g != "lever"]

@@ -1,4 +1,4 @@
-"""Convert fitted hypotheses to effects of the catalogue with parameters and intervals."""
+"""Convert fitted hypotheses to effects of the catalogue with parameters and 90 % intervals."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from herringbone_sim.gap.observations.seats import Seat
 
 DRAWS = 400  # random draws of the coefficients, for the intervals
 SEED = 13
-# with orders beside the main one
+# Effects whose departures are waves of other orders.
 WAVES = ("stiffness_harmonic", "profile_error", "torque_ripple", "runout")
-OPTIONS = ("order", "member", "channels")  # of hypotheses that are options of the effect too
+OPTIONS = ("order", "member", "channels")  # options of hypotheses that the effect has as well
 Options = tuple[tuple[str, object], ...]
 
 
@@ -31,9 +31,9 @@ class NamedEffect:
 
     Attributes:
         active: effect with parameters.
-        intervals: 90 % interval of each parameter.
+        intervals: 90 % interval (low, high) of each parameter.
         law: learned curve; None without a free shape.
-        departures: what the learned curve adds to the catalogue's, as effects of the catalogue.
+        departures: difference of the learned curve from the catalogue's, as further effects.
     """
 
     active: Active
@@ -43,7 +43,7 @@ class NamedEffect:
 
 
 def name_effects(hypotheses: tuple[Hypothesis, ...], score: Score) -> tuple[NamedEffect, ...]:
-    """Convert the fitted hypotheses of an explanation to effects of the catalogue.
+    """Convert the fitted hypotheses of an explanation to effects of the catalogue, in order.
 
     Args:
         hypotheses: of the explanation.
@@ -61,7 +61,7 @@ def name_effects(hypotheses: tuple[Hypothesis, ...], score: Score) -> tuple[Name
 
 
 def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
-    """Convert a hypothesis by the mean (k,) and the covariance (k, k) of its coefficients."""
+    """Convert a hypothesis, given the mean (k,) and covariance (k, k) of its coefficients."""
     effect = known_effects()[h.effect]
     rng = np.random.default_rng(SEED)
     svd = np.linalg.svd(spread)
@@ -89,10 +89,10 @@ def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
 
 
 def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...]:
-    """Departures from the catalogue's curve, as effects of their own: as far as it has them.
+    """Departures from the catalogue's curve as further effects, where the catalogue has such.
 
-    Further harmonics of waves, other sizes at some meshes, and another shift of the back flank
-    where a backlash is off: half of it as backlash, half as a constant e.
+    Other harmonics of waves, additional size at ring meshes or the right side, and, beside a
+    backlash offset, an additional shift of the back flank: half as backlash, half as pin position.
     """
     c = {one.name: float(value) for one, value in zip(h.coefficients, mean, strict=True)}
     found = [*_harmonics(active, h, c)]
@@ -100,7 +100,7 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
     of_right = replace(active, locus=replace(active.locus, side="R"))
     for name, at in (("ring", of_ring), ("right side", of_right)):
         size = c.get(name, 0.0)
-        if h.effect == "mean_stiffness":  # a factor on the other
+        if h.effect == "mean_stiffness":  # factors multiply: 1 + a + b = (1 + a) (1 + b / (1 + a))
             size /= 1.0 + float(mean[0])
         if size:
             theta = np.array([active.effect.neutral[0] + size, *active.effect.neutral[1:]])
@@ -114,7 +114,7 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
 
 
 def _harmonics(active: Active, h: Hypothesis, c: Mapping[str, float]) -> Iterator[Active]:
-    """Further harmonics of an effect in ``WAVES`` by its coefficients, named as ``2 cos``."""
+    """Other harmonics of an effect in ``WAVES``, by values of coefficients such as ``2 cos``."""
     own = dict(active.options).get("order", 1)
     of: dict[int, Array] = {}
     for one in h.coefficients[h.n_own :] if h.effect in WAVES else ():
@@ -129,16 +129,17 @@ def _harmonics(active: Active, h: Hypothesis, c: Mapping[str, float]) -> Iterato
 
 
 def _clipped(effect: Effect, c: Sequence[float] | Array) -> Array:
-    """Parameters inside the bounds of an effect."""
+    """Parameters ``c`` of an effect, clipped to its bounds."""
     return np.clip(c, *effect.bounds)
 
 
 def _size(effect: Effect, p: Parameter, theta: Array) -> float:
-    """Size of an effect in the unit of a parameter: the norm of its deviation from neutral.
+    """Size of an effect to which the relative model error of parameter ``p`` refers.
 
-    A parameter whose neutral value is infinite, as a stiffness, is its own size. For the phase of
-    a wave it is 1 rad: what is added to a wave, as a share of its amplitude, turns it by as many
-    rad at most.
+    The norm of the deviations from neutral of all parameters with the unit of ``p``. If the
+    neutral value is infinite, as of a stiffness, the value itself. For the phase of a wave 1 rad,
+    as an error of the wave shifts its phase by at most the error over the amplitude; 0 for other
+    parameters of the shape.
     """
     if p.neutral is None:
         return 1.0 if p.unit == "rad" else 0.0
@@ -149,7 +150,7 @@ def _size(effect: Effect, p: Parameter, theta: Array) -> float:
 
 
 def _theta(h: Hypothesis, c: Array) -> tuple[Array, Options]:
-    """Parameters and options of the effect of a hypothesis with coefficients c (k,)."""
+    """Parameters (p,) and options of the effect of a hypothesis with coefficients c (k,)."""
     options = tuple((k, v) for k, v in h.options if k in OPTIONS)
     make = THETA.get(h.effect)
     if make is not None:
@@ -167,16 +168,16 @@ def _theta(h: Hypothesis, c: Array) -> tuple[Array, Options]:
     if h.effect == "damping_law":
         if own_options["law"] == "contact":
             return np.array([c[0], 0.0, 1e-5]), ()
-        slope = c[0] + c[1]  # share / depth, in 1 / 10 um
+        slope = c[0] + c[1]  # share over depth [1 / 10 um]
         return np.array([c[0], 1.0, 1e-5 * c[0] / slope if slope * c[0] > 0.0 else 1.0]), ()
     return np.zeros(len(known_effects()[h.effect].parameters)), options
 
 
 def moderate_size(h: Hypothesis) -> tuple[float, str]:
-    """Size of a moderate effect and its unit.
+    """Size of a moderate effect, and its unit.
 
-    The deviation of the first parameter that has a neutral value from it, with the main
-    coefficient at the standard deviation of its prior.
+    Of the first parameter with a neutral value, the deviation from it when the first coefficient
+    is at the standard deviation of its prior and all others are zero.
     """
     c = np.zeros(len(h.coefficients))
     c[0] = h.coefficients[0].sd
@@ -185,7 +186,7 @@ def moderate_size(h: Hypothesis) -> tuple[float, str]:
 
 
 def _event(h: Hypothesis, c: Array) -> Array:
-    """Peak, position [mesh cycles] and width of a tooth event from its coefficients."""
+    """Peak, position and width (both in mesh cycles) of a tooth event from its coefficients."""
     assert isinstance(h.source, Event)
     curve = _window(c)
     top = int(np.argmax(np.abs(curve)))
@@ -211,7 +212,7 @@ def _sine_wave(c: Array) -> list[float]:
     return [float(np.hypot(c[0], c[1])), float(np.arctan2(c[0], c[1]))]
 
 
-# parameters of each effect from the coefficients of its hypothesis
+# Functions from the coefficients of a hypothesis to the parameters of its effect.
 THETA: Mapping[str, Callable[[Array], list[float]]] = {
     "mean_stiffness": lambda c: [1.0 + c[0]],
     "stiffness_harmonic": lambda c: [c[0], c[1]],

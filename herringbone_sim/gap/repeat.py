@@ -29,7 +29,8 @@ from herringbone_sim.gap.verification.verify import residual_gap
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"
-ROLE_FINDINGS = ("no_fit", "no_held_out", "one_run")  # irrelevant here: all runs are used
+ROLE_FINDINGS = ("no_fit", "no_held_out", "one_run")  # irrelevant here, as roles are ignored
+# Fields of ``GapNumbers`` of the earlier report that ``verify.json`` repeats.
 REPEATED = ("metric", "unit", "nominal", "augmented", "noise_floor", "closure")
 
 
@@ -39,8 +40,8 @@ class Repetition:
 
     Attributes:
         campaign: name of the rig of the further runs.
-        earlier: report of the diagnosis.
-        senses: the gap of the further runs, whatever their role.
+        earlier: report of the earlier diagnosis.
+        senses: the gap of all further runs, whatever their role.
         undecidable: sentences on problems of the data and on what could not be measured.
     """
 
@@ -80,12 +81,12 @@ def repeat(
 ) -> Repetition:
     """Measure the gap in three senses over all runs of a campaign, whatever their role.
 
-    Sensor effects of the verdict on x, v, u and the clock are removed from the runs.
+    Sensor effects of the augmented model on x, v, u and the clock are removed from the runs.
 
     Args:
         campaign: further runs of the rig.
         own, actives: parameters and effects of the augmented model, from its parameter file.
-        report: of the diagnosis.
+        report: of the earlier diagnosis.
         say: called with a line of progress.
 
     Raises:

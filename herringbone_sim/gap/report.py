@@ -1,4 +1,4 @@
-"""The result of a diagnosis as it is told: drawn by the page, written as ``report.json``."""
+"""The report of a diagnosis, as the page draws it and as ``report.json`` stores it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from herringbone_sim.gap.verification.serialise import (
 from herringbone_sim.gap.verification.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"
-OWN_UNIT = "unit of the channel"  # unit of parameters of sensor effects in the catalogue
+OWN_UNIT = "unit of the channel"  # in the catalogue, unit of parameters of sensor effects
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Estimate:
     """Value of a parameter or an option of a cause.
 
     Attributes:
-        value: in ``unit``; of an option an integer, a name or names of channels.
-        unit: ``-`` where there is none.
-        ci90: ends of the 90 % interval, NaN where unknown; None of an option.
+        value: of a parameter, in ``unit``; of an option, an integer, a name or channel names.
+        unit: ``-`` for none.
+        ci90: 90 % interval (low, high), NaN where unknown; None for an option.
     """
 
     value: Any
@@ -50,7 +50,7 @@ class Cause:
 
     Attributes:
         effect: id.
-        locus: its most probable place.
+        locus: its most probable place; all meshes where it was not fitted.
         probability: of the effect at any place.
         parameters: parameters and options by name; empty where it was not fitted.
     """
@@ -68,22 +68,23 @@ class Cause:
 
 @dataclass(frozen=True)
 class Report:
-    """What is told of a diagnosis.
+    """All results of a diagnosis.
 
     Attributes:
         campaign: name of the rig.
         verdict: of the diagnosis.
-        where: locus and share of the residual, largest first.
+        where: meshes with their fraction of the residual, or of the probability of a cause,
+            largest first; see ``location.residual_by_mesh``.
         gap: of all runs in the metric of the verdict.
         undecidable: sentences on what the data can't decide.
         next_experiment: operating point to run next, and why.
         findings: problems of the data.
         senses: the gap in three senses; None where not measured.
-        channels: names of the recorded channels, for those at a locus.
+        channels: names of the recorded channels.
         structure: distribution of the residual, see ``location.residual_structure``.
-        noise: by recorded channel.
+        noise: noise of each recorded channel, by name.
         observations: names of the observations used.
-        forces: of all meshes in a run, from few channels; None where not reconstructed.
+        forces: forces of all meshes in one run, from few channels; None where not reconstructed.
     """
 
     campaign: str
@@ -108,12 +109,12 @@ class Report:
 
     @property
     def laws(self) -> tuple[LearnedLaw, ...]:
-        """Curves that were fitted to the effects of the verdict."""
+        """Learned curves of the effects of the verdict."""
         return self.verdict.chosen.laws if self.verdict.chosen else ()
 
     @property
     def runner_up_effects(self) -> tuple[str, ...]:
-        """Ids of the effects of the most probable other explanation."""
+        """Ids of the effects of the runner-up; empty without one."""
         other = self.verdict.runner_up
         return () if other is None else tuple(one.effect.id for one in other.actives)
 
@@ -147,7 +148,7 @@ class Report:
         return finite
 
     def _cause(self, name: str, chance: float) -> Cause:
-        """An effect with its most probable place and size, where it was fitted."""
+        """An effect as a cause, with place and size of its most probable fit if it has one."""
         if name not in self.verdict.best:
             return Cause(name, Locus(), chance)
         explanation, i = self.verdict.best[name]
@@ -175,7 +176,7 @@ def _estimates(
     for key, choice in one.options:
         values[key] = Estimate(concerned if key == "channels" else choice)
     if one.effect.level == "sensor" and not concerned:
-        values["channels"] = Estimate(("t",))  # the clock of all
+        values["channels"] = Estimate(("t",))  # the clock of all channels
     return values
 
 
@@ -203,10 +204,7 @@ def _finding(one: Finding) -> dict[str, Any]:
 
 
 def _unit(unit: str, channels: Sequence[str]) -> str:
-    """Unit of a parameter in the report.
-
-    Where the catalogue has ``OWN_UNIT`` in its place, the unit of the channels, if they share one.
-    """
+    """Unit of a parameter; the common unit of ``channels``, if any, instead of ``OWN_UNIT``."""
     quantities = {name.partition("_")[0] for name in channels}
     known = {PREFIX_UNITS.get(quantity, unit) for quantity in quantities}
     return known.pop() if unit == OWN_UNIT and len(known) == 1 else unit

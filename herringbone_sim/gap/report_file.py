@@ -1,4 +1,4 @@
-"""``report.json``: written after a check against its schema, and read back."""
+"""Write ``report.json`` after a check against its schema, and read it back."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class StoredReport:
         campaign: name of the rig.
         verdict: ``none``, ``unknown``, ``ambiguous`` or the id of an effect.
         effects: ids of the effects found.
-        metric: of the gap.
-        numbers: the gap over the held-out runs by sense; ``residual`` alone where the report has
+        metric: observation in which the gap is measured.
+        numbers: the gap over the held-out runs by sense; only ``residual`` where the report has
             no other.
     """
 
@@ -74,7 +74,7 @@ def read_report(path: Path) -> StoredReport:
 
 
 def _stored(data: Mapping[str, Any]) -> StoredReport:
-    """The report in plain data; an error of a look-up or a conversion if it is none."""
+    """Convert plain data to a report; if invalid, a LookupError, TypeError, ValueError, ..."""
     gap, named = data["gap"], (data["campaign"], data["verdict"], *data["effects"])
     if gap["metric"] not in METRICS or not all(isinstance(text, str) for text in named):
         raise ValueError
@@ -84,7 +84,7 @@ def _stored(data: Mapping[str, Any]) -> StoredReport:
 
 
 def _numbers(sense: Mapping[str, Any]) -> GapNumbers:
-    """A gap in plain data; null becomes NaN."""
+    """Convert the plain data of a gap; null becomes NaN."""
     keys = ("nominal", "augmented", "noise_floor", "closure")
     values = {key: math.nan if sense[key] is None else float(sense[key]) for key in keys}
     return GapNumbers(str(sense["metric"]), str(sense["unit"]), **values)
@@ -105,7 +105,7 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def check_report(data: Mapping[str, Any]) -> list[str]:
-    """Rules of the schema that a report violates; empty if it is valid."""
+    """Texts of the rules of the schema that a report violates; empty if it is valid."""
     missing = [f"{key} is missing" for key in KEYS if key not in data]
     if missing:
         return missing

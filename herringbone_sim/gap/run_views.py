@@ -1,4 +1,4 @@
-"""Runs of a diagnosis as columns: measured, and by the nominal and the augmented model."""
+"""Forces and motion of the runs of a diagnosis: measured, by nominal and by augmented model."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
 
 COLUMNS = ("measured", "nominal", "augmented")
-TRANSIENT, CYCLES = 150, 40  # mesh cycles discarded, and mesh cycles of a view
+TRANSIENT, CYCLES = 150, 40  # mesh cycles simulated before a view, and mesh cycles of a view
 
 
 @dataclass(frozen=True)
 class RunView:
-    """The last cycles of a run, measured and by both models; NaN where a channel is missing.
+    """The last ``CYCLES`` of a run, measured and by both models; NaN where a channel is missing.
 
     Attributes:
-        run: name, role, operating point.
+        run: the run.
         meshes: n names.
         times: (k,) [s].
-        force: by column (k, n) [N]: measured, and the two laws at the measured motion.
-        planes: by column (j, n, 2) displacement [m] and rate [m/s]: measured, and integrated by
-            each model from the start of the run; without columns that have no motion.
-        reduced_chi2: by model (n,) mean square of its residual over the noise floor, all samples
-            of the run; NaN if unknown.
-        notes: what is missing.
+        force: by ``COLUMNS``, (k, n) [N]: measured, and the two laws at the measured motion.
+        planes: by ``COLUMNS``, (j, n, 2) displacement [m] and rate [m/s]: measured, and integrated
+            by each model from the start of the run; a motion that is not known is left out.
+        reduced_chi2: by model, (n,) mean square of its residual over its noise in all samples of
+            the run; NaN if unknown.
+        notes: sentences on motions that are left out.
     """
 
     run: PreparedRun
@@ -51,7 +51,7 @@ class RunView:
 
 
 def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]:
-    """Every run of a campaign that the diagnosis could use, in the campaign's order."""
+    """Views of all runs of a campaign that the diagnosis could use, in the campaign's order."""
     model = diagnosis.augmented
     known = {c.run.name: c for c in diagnosis.calibrated.cases}
     views = []
@@ -65,7 +65,7 @@ def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]
 
 
 def run_view(one: FusedRun, model: Augmented) -> RunView:
-    """One run against the nominal and the augmented model."""
+    """Compare one run with the nominal and the augmented model."""
     run = one.run
     law = force_law(run, one.fused, np.ones(6))
     after = expected_forces(one, model.factors, model.actives)
@@ -85,9 +85,10 @@ def run_view(one: FusedRun, model: Augmented) -> RunView:
 
 
 def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
-    """By column, share of every mesh in the residual above the floor before; None if unknown.
+    """Residual of every mesh as a fraction of the nominal model's total; None where unknown.
 
-    Both columns are shares of the nominal residual, so the second adds up to what is left.
+    By model, ``nominal`` and ``augmented``, then by mesh. Residuals are mean chi2 above the noise
+    over the views. The fractions of ``augmented`` sum to the part of the total that is left.
     """
     shares: dict[str, dict[str, float | None]] = {}
     above = {
@@ -108,7 +109,7 @@ def _last_cycles(run: PreparedRun) -> int:
 
 
 def _turns(run: PreparedRun) -> Array:
-    """Distance (n,) of every sample from phase 0, in mesh cycles."""
+    """Signed distance (n,) of every sample from the nearest phase 0, in mesh cycles."""
     turns = run.phase / (2.0 * np.pi)
     return np.asarray(turns - np.round(turns), dtype=np.float64)
 
@@ -135,10 +136,10 @@ def _planes(
 
 
 def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
-    """Displacement and rate (k, n, 2) of the cycles that end with the run.
+    """Simulated displacement and rate (j, n, 2) of the last ``CYCLES`` of a run.
 
-    It starts where the run does, so that of motions that exist beside one another it is the rig's;
-    where the run's start is not known, from the model's own.
+    The simulation starts from the measured state, so that of coexisting attractors it follows the
+    rig's; where that is not known, from the start state of the model.
     """
     machine = tuple(a for a in actives if a.effect.level != "sensor")
     start, before = stepper(gear, machine).start(), TRANSIENT

@@ -38,11 +38,13 @@ def balance_with_effects(
 ) -> Balance:
     """Torque balance of a run after subtraction of the torques that effects exert on the bodies.
 
+    Torques of moving parts, such as free pins, are uncertain and add to ``sigma``.
+
     Args:
         one: run with its fused motion.
         factors: (6,) on k, c and e.
         force_n: (n, n_mesh) mesh forces [N]; None: the measured ones.
-        actives: effects; those in the meshes also enter the quadrature correction of the forces.
+        actives: effects; those in the meshes enter the quadrature correction of the forces.
     """
     run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
     law = force_function_with_effects(one, factors, actives)
@@ -66,7 +68,7 @@ def balance_with_effects(
 
 
 def mesh_effects_on_bodies(one: FusedRun, actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Mesh effects that exert torques on bodies by moving parts of their own, as free pins do."""
+    """Mesh effects with moving parts that exert torques on the bodies, as free pins do."""
     model = one.run.model
     return tuple(
         a
@@ -83,7 +85,7 @@ def balance_measured(cases: Sequence[FusedRun]) -> bool:
 def effect_accelerations(
     one: FusedRun, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
 ) -> Array:
-    """Accelerations (k, m) of the coordinates by an effect's torques, window average [m/s^2].
+    """Window averages (k, m) of the accelerations of m coordinates by an effect's torques [m/s^2].
 
     Args:
         one: run with its fused motion.
@@ -99,6 +101,6 @@ def effect_accelerations(
 
 
 def masses(model: Model) -> Array:
-    """M (n_bodies,) [kg] of s_L, s_R, c, p1_L, ...: inertia over base radius squared."""
+    """Equivalent masses (n_bodies,) [kg] of s_L, s_R, c, p1_L, ...: inertia over base radius^2."""
     packed, s = model.packed, model.scales
     return np.concatenate([1.0 / packed.inv_M_s, [s.M_c], 1.0 / packed.inv_M_p.ravel()])

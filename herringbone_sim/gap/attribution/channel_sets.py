@@ -1,4 +1,4 @@
-"""What the recorded channels can't decide, in sentences, whatever the verdict."""
+"""Classify recorded channels; sentences on what they can't decide, whatever the verdict."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     """Class of the channels that all runs have: ``full``, ``no_force``, ``few`` or ``nothing``.
 
     Full: displacement, rate and force of at least one mesh. No force: every displacement and every
-    rate. Few: rotations alone, rotations or accelerations of both suns and the carrier, or any two
-    of the displacements and rotations.
+    rate, not from rotations alone. Neither if rotations lack their mean. Few: rotations or
+    accelerations of both suns and the carrier, or any two of the displacements and rotations.
     """
     means = all(c.run.means_known for c in cases)
     if cases and means and all(c.usable.any() for c in cases):
@@ -36,7 +36,7 @@ def motion_channels(one: FusedRun) -> int:
 
 
 def undecidable_by_channels(cases: Sequence[FusedRun]) -> list[str]:
-    """Sentences on what the channels of the runs can't decide; empty where all are recorded."""
+    """Sentences on what the channels of the runs can't decide; empty if all can be used."""
     kind = channel_set(cases)
     if kind == NOTHING:
         return [
@@ -67,7 +67,7 @@ def undecidable_by_channels(cases: Sequence[FusedRun]) -> list[str]:
 
 
 def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
-    """Limits of runs with few channels."""
+    """Sentences on the limits of runs with the class ``few`` of channels."""
     if not all(c.run.shafts_known for c in cases):
         return [
             "neither the force of a mesh beside its displacement nor the motion of both suns and "
@@ -101,7 +101,7 @@ def planets_indistinguishable(cases: Sequence[FusedRun]) -> bool:
 
 
 def _limits_of_partial(cases: Sequence[FusedRun]) -> list[str]:
-    """Limits of runs of which some mesh lacks displacement, rate or force in some run."""
+    """A sentence on the meshes that lack displacement, rate or force in some run, if any."""
     usable = np.logical_and.reduce([c.usable for c in cases])
     if usable.all():
         return []

@@ -1,8 +1,8 @@
 """Forces that effects of the catalogue cause in the calibrated gear at the recorded motion.
 
 The laws of the effects are those of the simulation. The contribution of effects is the difference
-of the law with and without them at fused x and v; it is added to the force law averaged over the
-noise of x (``residuals.contact``), which noise doesn't bias.
+of the law with and without them at fused x and v. It is added to the expectation of the force law
+over the noise of x (``residuals.contact``), which the noise does not bias.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class FusedRun:
     Attributes:
         run: the run.
         fused: its fused motion.
-        now: (n, 5) see ``instants``.
+        now: (n, 5) operating point at the samples, see ``instants``.
         usable: (n_mesh,) meshes with x, v and F.
         floor: (n, n_mesh) standard deviation of the residual of the nominal force law [N].
     """
@@ -46,7 +46,7 @@ class FusedRun:
 
 
 def fused_run(run: PreparedRun, fused: Fused) -> FusedRun:
-    """A run with its fused motion."""
+    """Combine a run with its fused motion, the usable meshes and the noise of the force law."""
     usable = fused.known_meshes & np.isfinite(run.F.values).all(axis=0)
     floor = force_law(run, fused, np.ones(6)).sigma_n
     return FusedRun(run, fused, instants(run), usable, floor)
@@ -72,7 +72,7 @@ def expected_forces(
         one: run with its fused motion.
         factors: (6,) on k, c and e, see ``recalibrate``.
         actives: effects; only those in the meshes and on force sensors change the forces.
-        law: force law with the factors; None: it is computed.
+        law: force law with these factors; None: computed here.
     """
     law = law or force_law(one.run, one.fused, factors)
     force = law.modelled_n
@@ -95,7 +95,7 @@ def effect_contributions(
 ) -> tuple[Array, Array]:
     """Contribution of effects to mesh forces (n, n_mesh) [N] and body torques (n, n_bodies) [N].
 
-    A torque is divided by the base radius. For the arguments see ``expected_forces``.
+    Torques are divided by the base radius of the body. For the arguments see ``expected_forces``.
     """
     motion = Motion(
         one.run.times,
@@ -110,7 +110,10 @@ def effect_contributions(
 def force_function_with_effects(
     one: FusedRun, factors: Array, actives: Sequence[Active]
 ) -> ForceFunction:
-    """The force law with mesh effects at any phase and motion, for ``quadrature_correction``."""
+    """Return the force law with the mesh effects among ``actives``, as a function of the motion.
+
+    The function is as of ``recalibrate.force_function``, at points equidistant over the run.
+    """
     plain = force_function(one.run, factors)
     on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
     if not on_meshes:
@@ -138,7 +141,7 @@ def force_function_with_effects(
 
 
 def _driving_forces(measured: Array, modelled: Array) -> Array:
-    """Measured forces, or the law's where none are: they drive the states of effects."""
+    """Forces (n, n_mesh) that drive the states of effects: measured, or those of the law."""
     known: Array = np.nan_to_num(np.where(np.isfinite(measured), measured, modelled))
     return known
 
@@ -146,12 +149,12 @@ def _driving_forces(measured: Array, modelled: Array) -> Array:
 def _contributions(
     one: FusedRun, factors: Array, motion: Motion, k: Array, actives: Sequence[Active]
 ) -> tuple[Array, Array]:
-    """Mesh forces and body torques by the effects, see ``effect_contributions``.
+    """Mesh forces and body torques by the effects at a motion, see ``effect_contributions``.
 
     Args:
         one: run with its fused motion.
         factors: (6,) on k, c and e.
-        motion: relative to the calibrated e(t); its forces drive the states of effects.
+        motion: with x and v relative to the calibrated e(t).
         k: (n, n_mesh) nominal stiffness [N/m].
         actives: the effects.
     """
@@ -163,7 +166,7 @@ def _contributions(
 
 
 def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:
-    """``effects.gear.gear_table`` of the run with factors (6,) on k, c and e."""
+    """``effects.gear.gear_table`` of the gear of a run, with factors (6,) on k, c and e."""
     table = gear_table(one.run.model)
     k, c, e = (np.repeat(factors[i : i + 2], table.shape[1] // 2) for i in (0, 2, 4))
     table[0] *= k
@@ -175,13 +178,16 @@ def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:
 
 
 def with_law_forces(c: FusedRun, law: ForceLaw) -> FusedRun:
-    """Fill in the forces of the law where none are measured: they drive states of effects."""
+    """Copy of a run with the forces of the law where none are measured, to drive effects."""
     values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 
 
 def calibration_columns(c: FusedRun, law: ForceLaw, factors: Array) -> list[Array]:
-    """Derivatives (n, n_mesh) of the forces with respect to factors on k, c and e of each mesh."""
+    """Derivatives (n, n_mesh) of the forces by factors on k, on c and on e of each mesh.
+
+    They are taken about ``factors`` (6,) on k, c and e, at which ``law`` is the force law.
+    """
     n = law.f_m.shape[1]
     k = c.run.waves.k * np.repeat(factors[:2], n // 2)
     damping = c.run.model.damping_n_s_per_m * np.repeat(factors[2:4], n // 2)
@@ -193,7 +199,10 @@ def calibration_columns(c: FusedRun, law: ForceLaw, factors: Array) -> list[Arra
 
 
 def step_of(p: Parameter) -> float:
-    """Step of a parameter for finite differences: a thousandth of a moderate deviation."""
+    """Step of a parameter for finite differences: 1e-3 of its start minus its neutral value.
+
+    Where these are equal, 1e-4 of its range, at most 1.
+    """
     neutral = 0.0 if p.neutral is None or np.isinf(p.neutral) else p.neutral
     size = abs(p.start - neutral)
     return 1e-3 * size if size > 0.0 else min(1.0, 1e-4 * (p.high - p.low))

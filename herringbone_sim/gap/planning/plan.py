@@ -1,7 +1,7 @@
-"""Size from which on each effect would be detected and named with a choice of sensors.
+"""Smallest size at which each effect would be detected and named with a choice of sensors.
 
 Each effect at each place is evaluated at many sizes on simulated runs of the nominal gear. The
-change of the observations by the effect, and the rest of it after a fit of every other explanation
+change of the observations by the effect, and what a fit of every other explanation leaves of it
 (``diagnosis.information``), give the probabilities that the judge of the diagnosis would report.
 """
 
@@ -35,11 +35,12 @@ from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaig
 from herringbone_sim.gap.sensors.detrended import only_windows_possible, without_detrended
 
 Say = Callable[[str], None]
-NAMED = 0.9  # probability from which on an effect, or a place, counts as named
+NAMED = 0.9  # least probability at which an effect, or a place, counts as named
 SIZES = np.geomspace(1e-3, 10.0, 81)  # in units of a moderate effect; ten is beyond any real gear
 TOOTH = {"sun": "sp", "planet": "sp", "ring": "rp"}  # meshes where a tooth of a member is tried
-MIDDLE = 5.0  # mesh cycles from the start of a run to a tooth's window, arbitrary; with windows of
-# a trajectory, the middle of those of the first run is used instead
+# Mesh cycles from phase 0 to the contact of a damaged tooth, arbitrary; where windows of a
+# trajectory are fitted, the middle one of the first run is used instead.
+MIDDLE = 5.0
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,14 @@ class Detectability:
 
     Attributes:
         effect, locus, options: as in the catalogue.
-        unit: of its size.
+        unit: unit of the sizes.
         moderate: size of a moderate effect.
-        named_from: size from which on its probability is at least ``NAMED``; inf: none.
-        detected_from: size from which on "no effect" has at most 1 - ``NAMED``; inf: none.
-        rival: other effect that would fit it best.
-        rival_leaves: share of its chi2 that remains after a fit of the rival.
-        place_probability: probability of the place, given the effect, at ``named_from``.
-        run_shares: share of each run in its chi2.
+        named_from: least size at which its probability is ``NAMED`` or more; inf: none.
+        detected_from: least size at which ``none`` has at most 1 - ``NAMED``; inf: none.
+        rival: id of the other effect that fits it best.
+        rival_leaves: fraction of its chi2 that remains after a fit of the rival.
+        place_probability: of the place, given the effect, at ``named_from`` or the largest size.
+        run_shares: fraction of its chi2 in each run.
     """
 
     effect: str
@@ -77,11 +78,11 @@ class Plan:
 
     Attributes:
         sensors: names of the channels.
-        observations: that these channels allow.
+        observations: names of the observations that these channels allow.
         count: number of values that the diagnosis would compare with the model.
-        detectabilities: of every effect at every place.
-        not_sought: effects that can't be sought with these sensors.
-        not_planned: effects without a linear response: moving parts and swapped channels.
+        detectabilities: of every effect at every place and with every option that is visible.
+        not_sought: ids of effects that these sensors don't show at all.
+        not_planned: ids of effects without a linear response: moving parts and swapped channels.
     """
 
     sensors: tuple[str, ...]
@@ -109,18 +110,19 @@ def plan(
     cycles: int,
     say: Say = lambda text: None,
 ) -> Plan:
-    """Detectability of every effect with a choice of sensors.
+    """Compute the detectability of every effect with a choice of sensors.
 
     Args:
         nominal: parameters of the full model.
         points: delta_T [K], K, T_1 [N m], Omega of each fit run.
         sensors: names of the channels.
-        noise: of the sensors.
+        noise: noise of the sensors.
         cycles: mesh cycles of a run.
         say: called with a line of progress.
 
     Raises:
-        ParameterError: an unknown sensor, or a point out of the range of the parameters.
+        ParameterError: no sensor or an unknown one, too few cycles, or a point out of range.
+        DivergenceError: a simulated motion diverges.
         AnalysisError: the sensors don't allow any observation.
     """
     say("recording")
@@ -141,7 +143,7 @@ def plan(
     hypotheses += [replace(h, n_own=1) for h in events]
     search = search.onwards(machine)
     say(f"{len(hypotheses)} hypotheses")
-    # Effects without a size, such as swapped channels, can't be planned.
+    # Effects that are present or absent, such as swapped channels, have no size to vary.
     hypotheses = [h for h in hypotheses if h.coefficients[0].center == 0.0]
     information = Information(search.campaign, hypotheses, hypotheses)
     visible = [i for i, s in enumerate(information.squares) if s > 0.0]
@@ -162,7 +164,7 @@ def plan(
 
 
 def _teeth(gear: Gear) -> list[Event]:
-    """Crack and spall of a tooth of each member, at one mesh."""
+    """A crack and a spall of one tooth of each member, each at one mesh."""
     layout = gear.model.layout
     events, middle = [], MIDDLE
     turns = cycles_per_member_turn(gear.model)
@@ -185,7 +187,7 @@ def _teeth(gear: Gear) -> list[Event]:
 def _detectability(
     i: int, hypotheses: Sequence[Hypothesis], information: Information, by_density: bool
 ) -> Detectability:
-    """Detectability of hypothesis i, by the judge; ``by_density``: see ``_candidate``."""
+    """Detectability of hypothesis i by the judge; for ``by_density`` see ``_candidate``."""
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, information.left[i])
 
@@ -214,17 +216,19 @@ def _detectability(
 
 
 def _first_size(condition: Callable[[int], bool]) -> int:
-    """First index of ``SIZES`` at which a monotonic condition holds; their number if at none."""
+    """First index of ``SIZES`` at which a monotonic condition holds; ``len(SIZES)`` if at none."""
     return bisect_left(range(len(SIZES)), True, key=condition)
 
 
 def _rivals(i: int, hypotheses: Sequence[Hypothesis], left: Array) -> list[int]:
-    """Indices of the hypotheses that fit best: of each other effect, and of the same elsewhere.
+    """Indices of the rivals of hypothesis i: of each effect, the place that leaves least of it.
+
+    Of the effect of hypothesis i itself, only other places are rivals.
 
     Args:
         i: index of the hypothesis.
-        hypotheses: all of them.
-        left: (n_hypotheses,) chi2 of hypothesis i that remains after a fit of each other.
+        hypotheses: all hypotheses.
+        left: (n_hypotheses,) chi2 of hypothesis i that a fit of each hypothesis leaves.
     """
     h = hypotheses[i]
     best: dict[str, int] = {}
@@ -243,18 +247,21 @@ def _probabilities(
     information: Information,
     by_density: bool,
 ) -> tuple[dict[str, float], float]:
-    """Probability of every effect, and of the place given the effect, if hypothesis i is true.
+    """Probabilities that the judge would report if hypothesis i were true.
 
-    An effect is there alone or with something unknown beside it. Each main coefficient
-    of a hypothesis adds 1 to its expected chi2 on runs left out.
+    Each main coefficient of a hypothesis adds 1 to its expected chi2 on runs left out.
 
     Args:
         i: index of the true hypothesis.
-        size: of the effect, in units of a moderate one.
-        hypotheses: all of them.
-        rivals: indices of those that compete.
+        size: size of the effect, in units of a moderate one.
+        hypotheses: all hypotheses.
+        rivals: indices of the hypotheses that compete with it.
         information: of all hypotheses.
         by_density: see ``_candidate``.
+
+    Returns:
+        Probability by id (``none``, ``unknown``, and effects alone or with something unknown
+        beside them), and probability of the true place, given the true effect.
     """
     h, count = hypotheses[i], information.count
     made = partial(_candidate, count=count, by_density=by_density)
@@ -282,7 +289,7 @@ def _candidate(
     count: float,
     by_density: bool,
 ) -> Candidate:
-    """Candidate of the judge with ``chi2`` and ``size`` coefficients of its own.
+    """Candidate for the judge with given ``chi2`` and ``size`` coefficients, without strain.
 
     Args:
         count: number of whitened values.

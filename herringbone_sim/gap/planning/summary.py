@@ -1,4 +1,4 @@
-"""Summary of a plan: one row per effect, runs in the order of their information, plain data."""
+"""Summarise a plan: a row for each effect, runs in the order of their information, plain data."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class EffectSummary:
     Attributes:
         effect, unit: as in the catalogue.
         moderate: size of a moderate effect.
-        best, median, worst: size from which on it is named, over the places.
-        best_place: where it is named at the smallest size.
-        places: number of places and options.
-        placed_share: share of the named ones whose place is named too.
-        rival: other effect that fits it best at most places.
-        rival_leaves: share of its chi2 that remains after a fit of its best rival, median.
+        best, median, worst: smallest, median and largest ``named_from`` over the places.
+        best_place: detectability at the place with the smallest ``named_from``.
+        places: number of places, each option counted separately.
+        placed_share: fraction of the places where the effect is named at which the place is too.
+        rival: id of the other effect that fits it best, at most of the places.
+        rival_leaves: median fraction of its chi2 that remains after a fit of the best rival.
         best_run: index of the run with most information on it.
     """
 
@@ -45,7 +45,7 @@ class EffectSummary:
 
 
 def effect_summaries(plan: Plan) -> list[EffectSummary]:
-    """One row per effect, in the order of the median size over the moderate one."""
+    """Summaries of all effects, sorted by the median size relative to the moderate one."""
     found = [_row(plan.of_effect(effect)) for effect in plan.effects]
     return sorted(found, key=lambda row: (row.median / row.moderate, row.best / row.moderate))
 
@@ -79,11 +79,11 @@ def named_effects(plan: Plan) -> int:
 
 
 def ranked_runs(plan: Plan) -> list[tuple[int, float]]:
-    """Greedy order of the runs by their information on all effects.
+    """Order the runs greedily by their information on all effects.
 
     Returns:
-        Index of each run, and the share of the chi2 that it and those before have in total, for
-        the effect with the smallest share.
+        For each run its index, and the fraction of the chi2 of all runs that it and the runs
+        before it contain, for the effect with the smallest fraction.
     """
     shares = np.array(
         [np.mean([d.run_shares for d in plan.of_effect(e)], axis=0) for e in plan.effects]
@@ -99,7 +99,10 @@ def ranked_runs(plan: Plan) -> list[tuple[int, float]]:
 
 
 def size_reduction(plan: Plan, more: Plan) -> float:
-    """Factor by which ``more`` lowers the median sizes, geometric mean over effects in both."""
+    """Factor by which the plan ``more`` lowers the median sizes of ``plan``.
+
+    Geometric mean over the effects that both name; NaN without any.
+    """
     before, after = ({row.effect: row.median for row in effect_summaries(p)} for p in (plan, more))
     ratios = [
         before[e] / after[e]
@@ -110,7 +113,7 @@ def size_reduction(plan: Plan, more: Plan) -> float:
 
 
 def sensors_text(plan: Plan) -> str:
-    """Names of up to six sensors, else their number."""
+    """Names of the sensors as text; of more than six, their number with the first and last."""
     if len(plan.sensors) <= 6:
         return ", ".join(plan.sensors)
     return f"{len(plan.sensors)} channels ({plan.sensors[0]} ... {plan.sensors[-1]})"
@@ -119,8 +122,8 @@ def sensors_text(plan: Plan) -> str:
 def place_text(one: Detectability) -> str:
     """Mesh, planet, side and options of an effect as text, such as ``sp/2/L, order 2``.
 
-    The locus of all meshes is ``all``. For effects of sensors, one or two channels stand instead,
-    or the quantity and the locus of more.
+    All meshes are ``all``. For sensor effects the text names up to two channels, else the quantity
+    and the locus.
     """
     options = dict(one.options)
     channels = options.pop("channels", None)
@@ -139,13 +142,13 @@ def plan_to_dict(
     cycles: int,
     also: Mapping[str, Plan],
 ) -> dict[str, Any]:
-    """A plan as plain data; a size of null means never named.
+    """Convert a plan to plain data, the content of ``plan.json``; null: never named.
 
     Args:
         plan: the plan.
         points: operating point of each run.
         cycles: mesh cycles of a run.
-        also: plans with one more sensor, by name.
+        also: plans with one more sensor, by name of the sensor.
     """
     worth = ranked_runs(plan)
     return {
@@ -162,7 +165,7 @@ def plan_to_dict(
 
 
 def _plan(plan: Plan) -> dict[str, Any]:
-    """Sensors, observations and detectabilities as plain data."""
+    """Convert sensors, observations and detectabilities of a plan to plain data."""
     return {
         "sensors": list(plan.sensors),
         "observations": list(plan.observations),

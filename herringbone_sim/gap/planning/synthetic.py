@@ -1,4 +1,4 @@
-"""Simulated campaigns of the nominal gear, recorded by a choice of sensors."""
+"""Simulate campaigns of the nominal gear, recorded by a choice of sensors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from herringbone_sim.gap.observations.window_channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import base_radius
 
-TRANSIENT = 80  # mesh cycles before a recording, as for practice rigs
+TRANSIENT = 80  # mesh cycles simulated before a recording, as for practice rigs
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class SensorNoise:
     """Standard deviation of the noise of each channel.
 
     Attributes:
-        share: noise over RMS of the channel, unless given below.
-        shares: noise over RMS by prefix of the channel name.
-        values: noise [SI] by prefix of the channel name.
+        share: noise over RMS of channels with none of the prefixes below.
+        shares: noise over RMS, by prefix of the channel name.
+        values: noise [SI], by prefix of the channel name.
     """
 
     share: float = 0.01
@@ -41,7 +41,7 @@ class SensorNoise:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def sigma(self, channel: str, rms: float) -> float:
-        """Noise of a channel [SI] with an RMS of ``rms`` [SI]; its longest prefix counts."""
+        """Noise [SI] of a channel with an RMS of ``rms`` [SI]; its longest known prefix counts."""
         prefixes = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
         longest = max(prefixes, key=len, default="")
         if longest in self.values:
@@ -56,7 +56,7 @@ def known_sensors(layout: Layout) -> tuple[str, ...]:
 
 
 def check_sensors(layout: Layout, sensors: Sequence[str]) -> None:
-    """Raise ParameterError if there are no sensors, or an unknown one."""
+    """Check names of sensors; raise ParameterError if there are none, or an unknown one."""
     known = known_sensors(layout)
     foreign = [name for name in sensors if name not in known]
     if foreign or not sensors:
@@ -117,7 +117,7 @@ def _run(
     cycles: int,
     rng: np.random.Generator,
 ) -> PreparedRun:
-    """Simulate and record one run at an operating point."""
+    """Simulate and record one run of ``simulate_campaign``; angles become detrended rotations."""
     start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
     model = build(nominal.changed({**point, **start}))
     _, settled = simulate(model, TRANSIENT)
@@ -161,6 +161,9 @@ def _run(
 
 
 def accelerations(model: Model, phase: Array, force: Array) -> Array:
-    """Accelerations (n, n_bodies) [m/s^2] of the nominal gear by mesh forces (n, n_mesh) [N]."""
+    """Accelerations d2u/dt2 (n, n_bodies) [m/s^2] of the nominal gear.
+
+    From the mesh phase (n,) [rad], which the loads depend on, and mesh forces (n, n_mesh) [N].
+    """
     G = bodies_to_meshes(model)
     return np.asarray(inverse_masses(model) * (body_loads(model, phase) - force @ G))

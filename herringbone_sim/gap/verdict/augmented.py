@@ -28,13 +28,13 @@ the control torque on the carrier nominal."""
 
 @dataclass(frozen=True)
 class Augmented:
-    """Changes of the nominal gear.
+    """The augmented model as changes of the nominal gear.
 
     Attributes:
         factors: (6,) on k, c and e of the sun and of the ring meshes, see ``recalibrate.NAMES``.
-        inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
+        inverse: (3,) factors on 1/M_s, 1/M_p, 1/M_c.
         actives: effects with parameters and locus.
-        motion: whether no forces are measured, so that residuals are accelerations.
+        motion: whether no forces are measured, so that its residuals are accelerations.
     """
 
     factors: Array
@@ -49,13 +49,13 @@ def nominal_model() -> Augmented:
 
 
 def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
-    """Parameters (full model) of the changed gear; its effects are not parameters.
+    """Parameters (full model) of the augmented gear, without its effects.
 
-    The control torque is computed with the nominal inertia of the carrier, so that the
-    acceleration that it causes is scaled by ``inverse`` of the carrier.
+    The control torque stays that for the nominal inertia of the carrier, so that the acceleration
+    that it causes is scaled by ``inverse`` of the carrier.
 
     Raises:
-        ParameterError: factors out of the range of the parameters.
+        ParameterError: a changed parameter is out of its range.
     """
     full = nominal.changed({"model": "full"})
     n = full.layout.n_mesh
@@ -81,7 +81,7 @@ def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
 def from_parameters(
     nominal: Parameters, own: Parameters, actives: Sequence[Active], motion: bool = False
 ) -> Augmented:
-    """Changes of a gear with parameters ``own`` and effects; the inverse of ``parameters_of``."""
+    """Augmented model from its parameters ``own`` and effects; inverts ``parameters_of``."""
     before, after = (build(p.changed({"model": "full"})) for p in (nominal, own))
     factors = np.concatenate([_kind_ratios(before, after, of) for of in (_k, _c, _e)])
     masses = [
@@ -93,13 +93,13 @@ def from_parameters(
 
 
 def save_augmented(path: Path, nominal: Parameters, model: Augmented, campaign: str) -> None:
-    """Write the parameter file of the augmented gear; raises OSError if it can't be written."""
+    """Write the parameter file of the augmented model; ParameterError or OSError if impossible."""
     own = parameters_of(nominal, model)
     save_parameters(path, own, TITLE.format(campaign=campaign), model.actives)
 
 
 def _k(model: Model) -> Array:
-    """Mean stiffness (n_mesh,)."""
+    """Mean stiffness (n_mesh,) [N/m]."""
     return mean_stiffness(model.parameters)
 
 
@@ -109,13 +109,13 @@ def _c(model: Model) -> Array:
 
 
 def _e(model: Model) -> Array:
-    """Amplitude of the mesh error (n_mesh,)."""
+    """Amplitude of the mesh error (n_mesh,) [b_c]."""
     p = model.parameters
     return p.e_m * np.array(spread(p.e_factor, model.layout.n_mesh))
 
 
 def _kind_ratios(before: Model, after: Model, quantity: Callable[[Model], Array]) -> Array:
-    """Ratio (2,) after / before of a quantity of sun and of ring meshes; 1 where it was zero."""
+    """Ratio (2,) after / before of a quantity's mean over sun, ring meshes; 1 where it was 0."""
     old, new = (quantity(m).reshape(2, -1).mean(axis=1) for m in (before, after))
     ratio: Array = np.divide(new, old, out=np.ones(2), where=old != 0.0)
     return ratio

@@ -19,19 +19,20 @@ from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.recording.campaign import POINT
 
-DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
+DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}  # decimals to which a point is rounded
 LEVELS = 16
 GENERATORS = (3, 7, 5, 6)  # of the lattice: each level of each quantity occurs once
 MARGIN = 0.2  # beyond the values of the runs on either side, over their range
 LEAST_MARGIN = {"delta_T": 20.0, "K": 0.1}  # [K], [-]
 LEAST_MARGIN_SHARE = {"T_1": 0.4, "Omega": 0.2}  # of the mean
-LOWEST_SHARE = 0.5  # of the smallest torque and speed of the runs
-TRANSIENT, CYCLES = 60, 80  # mesh cycles: one turn of every member against the carrier
+LOWEST_SHARE = 0.5  # lowest torque and speed over the smallest of the runs
+# Mesh cycles before a recording, and recorded: a turn of every member against the carrier.
+TRANSIENT, CYCLES = 60, 80
 
 
 @dataclass(frozen=True)
 class PredictedRun:
-    """A run predicted at an operating point, and its largest mesh force [N]."""
+    """A run predicted at an operating point, and its largest absolute mesh force [N]."""
 
     point: dict[str, float]
     case: FusedRun
@@ -39,7 +40,10 @@ class PredictedRun:
 
 
 def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
-    """Range of each quantity to try: that of the runs with a margin on either side."""
+    """Range (low, high) to try of each quantity of ``POINT``: that of the runs with a margin.
+
+    Torque and speed stay above ``LOWEST_SHARE`` of their smallest value, the others above 0.
+    """
     found = {}
     for name in POINT:
         values = [float(p[name]) for p in points if name in p] or [0.0]
@@ -54,10 +58,8 @@ def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float
 def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
     """``LEVELS`` operating points in ``value_ranges``; each level of a quantity occurs once.
 
-    Half of them have K = 0.
-
-    Levels of torque are equidistant in its logarithm. A rank-1 lattice modulo a prime: Korobov,
-    Number-Theoretic Methods in Approximate Analysis (1963).
+    Levels of torque are equidistant in its logarithm; the lower half of those of K is 0. A rank-1
+    lattice modulo a prime: Korobov, Number-Theoretic Methods in Approximate Analysis (1963).
     """
     ranges = value_ranges(points)
     found = []
@@ -71,7 +73,7 @@ def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, fl
 
 
 def _level(name: str, share: float, low: float, high: float) -> float:
-    """Value of a quantity at a share 0 ... 1 of its range."""
+    """Value of a quantity at the fraction ``share``, 0 ... 1, of its range."""
     if name == "K":
         return max(2.0 * share - 1.0, 0.0) * high
     if name == "T_1" and low > 0.0:
@@ -89,14 +91,14 @@ def predict_run(
     """Simulate the calibrated gear at an operating point and record it as the fit runs were.
 
     Args:
-        cases: fit runs, for the recorded channels and their noise over the RMS.
+        cases: fit runs, for the recorded channels and the ratio of their noise to their RMS.
         nominal: parameters of the nominal gear, full model.
         gear: parameters of the calibrated gear, which is simulated.
         factors: (6,) of the calibrated gear on k, c and e.
         point: delta_T [K], K, T_1 [N m], Omega.
 
     Returns:
-        None where the gear can't be simulated.
+        The run; None where the gear can't be simulated at the point.
     """
     try:
         model = build(gear.changed(point))
@@ -112,9 +114,10 @@ def predict_run(
 def _recorded(
     runs: Sequence[PreparedRun], series: TimeSeries, model: Model, factors: Array
 ) -> PreparedRun:
-    """A simulated motion as a run without noise, with the channels of the fit runs.
+    """A simulated motion as a run with the channels of the fit runs; no noise is added.
 
-    Recorded x and v are relative to the nominal e(t), those of the simulation to the calibrated.
+    Recorded x and v are relative to the nominal e(t), those of the simulation to the calibrated,
+    which ``factors`` (6,) on k, c and e give; ``model`` is the nominal one.
     """
     phase, layout = series["phase"], model.layout
     omega = model.parameters.Omega * model.scales.omega_n
@@ -139,7 +142,7 @@ def _recorded(
 
 
 def _as_recorded(values: Array, runs: Sequence[Measured]) -> Measured:
-    """Values (n, k) restricted to channels recorded in all runs, with their median noise share."""
+    """Values (n, k) of channels recorded in all runs, with their median ratio of noise to RMS."""
     there = np.logical_and.reduce([m.recorded for m in runs])
     rms = [np.sqrt(np.mean(np.nan_to_num(m.values) ** 2, axis=0)) for m in runs]
     shares = [m.sigma / np.maximum(r, 1e-300) for m, r in zip(runs, rms, strict=True)]

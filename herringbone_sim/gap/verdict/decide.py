@@ -1,4 +1,4 @@
-"""Verdict of a diagnosis from the probabilities of all explanations."""
+"""Decide the verdict of a diagnosis from the probabilities of all explanations."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.gap.named import NamedEffect
 
-MOST_NAMED = 4  # effects of an ambiguous class, contract of the report
-HALF = 0.5  # probability above which an effect is rather there than not
-CLASS_PROBABILITY = 0.9  # least probability of an ambiguous class, among all effects
+MOST_NAMED = 4  # most effects of an ambiguous class, by the schema of the report
+HALF = 0.5  # probability above which an effect is more likely present than absent
+CLASS_PROBABILITY = 0.9  # least fraction of the probability of all effects in an ambiguous class
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,10 @@ class NamedExplanation:
 
     Attributes:
         actives: effects with parameters.
-        intervals: 90 % interval of each parameter of each effect.
-        laws: learned curves, of effects that have one.
-        departures: of learned curves from the catalogue's, which the augmented model includes.
+        intervals: 90 % interval (low, high) of each parameter, for each effect.
+        laws: learned curves of the effects that have one.
+        departures: differences of learned curves from the catalogue's, as effects; the augmented
+            model includes them.
     """
 
     actives: tuple[Active, ...]
@@ -39,13 +40,13 @@ class Verdict:
 
     Attributes:
         verdict: ``none``, ``unknown``, ``ambiguous`` or the id of an effect.
-        effects: ids of the effects found, at most two.
-        probabilities: of every effect, ``none`` and ``unknown``; sums to 1.
-        best: most probable explanation of each effect, and the index of the effect in it.
+        effects: ids of the effects found, at most two; the most probable ones if ambiguous.
+        probabilities: of every effect, ``none`` and ``unknown``, by id; they sum to 1.
+        best: by id, the most probable explanation with the effect, and its index therein.
         ambiguous_with: ids of the ambiguous class; empty unless ambiguous.
         metric: observation in which the gap is measured.
         chosen: explanation in the augmented model; None without effects.
-        runner_up: most probable explanation by other effects.
+        runner_up: most probable explanation by other effects than the chosen ones; None without.
         chances: probabilities of all explanations, best first.
     """
 
@@ -61,7 +62,7 @@ class Verdict:
 
 
 def explanation_of(effects: Sequence[NamedEffect]) -> NamedExplanation:
-    """Join named effects to an explanation."""
+    """Combine fitted effects to an explanation."""
     return NamedExplanation(
         tuple(n.active for n in effects),
         tuple(n.intervals for n in effects),
@@ -75,18 +76,19 @@ def decide(
 ) -> Verdict:
     """Decide the verdict from the probabilities of all explanations.
 
-    An effect with something unknown beside it gives half to each, as a pair does. Of two with the
-    same probability, the verdict is the one that the likeliest explanation names first.
+    An explanation by two effects, or by one with something unknown beside it, adds half of its
+    probability to each. The verdict is the most probable effect, none or unknown, among equals the
+    first in ``chances``; an effect that is not present with more than ``HALF`` is ambiguous.
 
     Args:
         chances: probabilities of all explanations, best first.
-        explanations: complete ones with effects, by their index in ``chances``.
+        explanations: by index in ``chances``, those with effects and nothing unknown beside them.
         metric: observation in which the gap is measured.
     """
     named_first = dict.fromkeys(name for c in chances for name in c.effects or ("none",))
     every = dict.fromkeys((*named_first, *known_effects(), "none", "unknown"))
     probabilities = {name: 0.0 for name in every}
-    present = dict(probabilities)  # alone or beside another
+    present = dict(probabilities)  # probability that an effect is there, alone or in a pair
     best: dict[str, tuple[NamedExplanation, int]] = {}
     for i, one in enumerate(chances):
         for j, name in enumerate(one.effects or ("none",)):
@@ -125,7 +127,10 @@ def decide(
 
 
 def _first_whole(chances: Sequence[Chance], top: str) -> int:
-    """Index of the likeliest explanation with ``top``, without anything unknown beside it."""
+    """Index of the likeliest explanation with ``top``: an effect, ``none`` or ``unknown``.
+
+    If it has something unknown beside the effect, the explanation by the same fit alone instead.
+    """
     having = [i for i, c in enumerate(chances) if top in (c.effects or ("none",))]
     whole = [i for i in having if chances[i].whole]
     likeliest = chances[having[0]] if having else None
@@ -141,7 +146,10 @@ def _first_whole(chances: Sequence[Chance], top: str) -> int:
 
 
 def _ambiguous_class(probabilities: Mapping[str, float]) -> tuple[str, ...]:
-    """Most probable effects that together have ``CLASS_PROBABILITY`` of that of all effects."""
+    """Most probable effects with ``CLASS_PROBABILITY`` of the sum over all effects.
+
+    At most ``MOST_NAMED``; empty if a single one suffices.
+    """
     ranked = sorted(
         (n for n in probabilities if n not in ("none", "unknown")),
         key=lambda n: -probabilities[n],

@@ -2,10 +2,9 @@
 
 Two explanations that fit the same runs equally well may differ at another operating point. For
 candidate points the motion of the calibrated gear is simulated; there the forces of one
-explanation are compared with those of the other after its best fit to the runs so far and the new
+explanation are compared with those of the other after its best fit to the fit runs and the new
 run together. The point with the largest remaining difference, in units of the noise, is chosen.
-The
-runs so far have to be included: two effects that differ only in their dependence on temperature
+The fit runs have to be included: two effects that differ only in their dependence on temperature
 can't be separated by one run at a single temperature.
 """
 
@@ -40,7 +39,7 @@ from herringbone_sim.gap.verdict.separation import (
     separation,
 )
 
-MOST_FORCE = 2.0  # largest mesh force at a designed point, over that in the fit runs
+MOST_FORCE = 2.0  # limit of the largest mesh force at a designed point over that in the fit runs
 
 
 @dataclass(frozen=True)
@@ -48,12 +47,12 @@ class Design:
     """The operating point at which the explanations differ most.
 
     Attributes:
-        names: of the explanations.
+        names: of the explanations, as texts.
         point: delta_T [K], K, T_1 [N m], Omega.
-        separation_at_point, separation_so_far: RMS difference of the two explanations that are
-            hardest to separate over the noise, at the point and in the fit runs.
+        separation_at_point, separation_so_far: RMS difference over the noise, at the point and in
+            the fit runs, of the two explanations that the point separates least.
         separated_so_far: whether the fit runs alone separate all explanations.
-        separated_with_point: whether they do so together with a run at the point.
+        separated_with_point: whether the fit runs and a run at the point separate all.
         force_ratio: largest mesh force at the point over that in the fit runs.
     """
 
@@ -69,7 +68,7 @@ class Design:
 def leading_explanations(verdict: Verdict) -> tuple[NamedExplanation, ...]:
     """Explanations to separate: an ambiguous class, or the chosen one and the runner-up.
 
-    Empty where nothing was found, or no other effect was tried.
+    Empty where no effect is chosen, or there is no other to separate it from.
     """
     if verdict.verdict in ("none", "unknown") or verdict.chosen is None:
         return ()
@@ -87,10 +86,11 @@ def design(
         campaign: whose fit runs the verdict rests on.
         calibrated: fit runs and calibration.
         verdict: of the campaign.
-        model: augmented model, whose calibration is used.
+        model: augmented model, of which only the calibration is used.
 
     Returns:
-        None with fewer than two explanations, or where they can't be predicted.
+        The design; None with fewer than two explanations, where they can't be predicted, or where
+        no candidate can be simulated with mesh forces below ``MOST_FORCE``.
     """
     explanations = leading_explanations(verdict)
     quantity = _predictable_quantity(calibrated, verdict, explanations)
@@ -122,7 +122,7 @@ def design(
 def _predictable_quantity(
     calibrated: Calibrated, verdict: Verdict, explanations: Sequence[NamedExplanation]
 ) -> str | None:
-    """Quantity in which the explanations can be predicted, see ``separation``; None if none."""
+    """``FORCES``, ``BALANCE`` or ``MOTION``: how to predict the explanations; None: impossible."""
     actives = [a for e in explanations for a in e.actives]
     no_sensor = all(a.effect.level != "sensor" for a in actives)
     forces = all(bool(np.isfinite(c.run.F.values).all()) for c in calibrated.cases)
@@ -138,13 +138,13 @@ def _predictable_quantity(
 def _separations(
     one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
 ) -> list[Separation]:
-    """Of each ordered pair of explanations in a run."""
+    """Separation by one run, for each ordered pair of explanations (target, fitted)."""
     predictions = linear_predictions(one, explanations, quantity)
     return [separation(target, fitted) for target, fitted in permutations(predictions, 2)]
 
 
 def _sum(runs: Sequence[list[Separation]]) -> list[Separation]:
-    """Sum over runs, for each pair."""
+    """Sum of separations over runs, for each pair."""
     total = runs[0]
     for one in runs[1:]:
         total = [a + b for a, b in zip(total, one, strict=True)]
@@ -165,7 +165,7 @@ def _designed(
         explanations: to separate.
         so_far: separation of each pair by the fit runs.
         run: predicted run at the point.
-        at_point: separation of each pair by that run.
+        at_point: separation of each pair by the predicted run.
         n_runs: number of fit runs.
         most: largest mesh force in the fit runs [N].
     """
@@ -191,12 +191,12 @@ def _designed(
 
 
 def _chance(count: float) -> float:
-    """Mean square of ``count`` values that noise alone exceeds once in a thousand, minus 1."""
+    """Excess over 1 of the mean square of ``count`` noise values; exceeded once in a thousand."""
     return float(3.1 * np.sqrt(2.0 / count))
 
 
 def _largest_force(one: FusedRun) -> float:
-    """Largest mesh force [N] of a run; that of the force law where none is measured."""
+    """Largest absolute mesh force [N] of a run; that of the force law where none is measured."""
     force = one.run.F.values
     if not np.isfinite(force).any():
         force = force_law(one.run, one.fused, np.ones(6)).modelled_n

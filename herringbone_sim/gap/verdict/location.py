@@ -1,4 +1,4 @@
-"""Location of the residual: its share at each mesh, and its distribution by ``locate``."""
+"""Locate the residual on the gear: fraction at each mesh, and its distribution by ``locate``."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ PERMUTATIONS = 200
 def residual_by_mesh(
     campaign: PreparedCampaign, calibrated: Calibrated, verdict: Verdict
 ) -> list[tuple[Locus, float]]:
-    """Share of each mesh in the residual of the recalibrated force law above noise, largest first.
+    """Meshes with their fraction of the residual of the calibrated force law, largest first.
 
-    Without a force-law residual, the probability that the cause is at the mesh: that of each
-    effect, divided equally among the meshes of its most probable locus, and among planets that the
-    data can't distinguish. Empty where no effect is named either.
+    Fractions are of chi2 above the noise; they sum to 1, or are all 0. Without a force-law
+    residual, they are of the probability of a cause: that of each effect is divided equally among
+    the meshes of its most probable locus, and among planets that the data can't distinguish. Empty
+    where no effect is named either.
     """
     weight = calibrated.per_mesh
     if weight is None:
@@ -51,7 +52,7 @@ def residual_by_mesh(
 
 
 def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
-    """Probability of a cause at each mesh (n_mesh,); None where no effect is named."""
+    """Sum over effects of the probability at each mesh (n_mesh,); None if none is named."""
     if not verdict.effects:
         return None
     layout = campaign.nominal.layout
@@ -64,11 +65,11 @@ def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | 
 
 
 def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> dict[str, Any]:
-    """Where the residual of the calibrated force law in the fit runs lies, for ``report.json``.
+    """Distribution of the residual of the calibrated force law in the fit runs, for the report.
 
     Returns:
         Empty without a force law. Else ``shares``: of each factor the rows of ``_share``;
-        ``teeth``: of each member the meshes at which the residual repeats with its turns;
+        ``teeth``: for each member the meshes at which the residual repeats every turn of it;
         ``shaft_orders``: orders of the input shaft with which it repeats, as text.
     """
     if calibrated.per_mesh is None:
@@ -85,6 +86,6 @@ def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> di
 
 
 def _share(one: Share) -> list[dict[str, Any]]:
-    """Rows of a share as plain data."""
+    """Plain data of a share: for each value of its factor, name, share and reduced chi2."""
     rows = zip(one.labels, one.share, one.reduced_chi2, strict=True)
     return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]

@@ -1,4 +1,4 @@
-"""Operating point to run next, and why."""
+"""Choose the operating point to run next, with the reason as text."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class NextExperiment:
 def next_experiment(
     campaign: PreparedCampaign, verdict: Verdict, design: Design | None = None
 ) -> NextExperiment:
-    """Operating point to run next, and why.
+    """Choose the operating point to run next.
 
-    The designed point where it separates the leading explanations, else one where nothing has been
-    run.
+    The designed point where it separates the leading explanations, else one with values of
+    temperature, torque and speed that no fit run has.
 
     Args:
         campaign: whose fit runs the verdict rests on.
@@ -56,7 +56,7 @@ def next_experiment(
 
 
 def _why_designed(design: Design) -> str:
-    """Reason for a designed point."""
+    """Text on why the designed point is proposed."""
     first, *others = design.names
     if design.separated_so_far:
         text = f"checks that it is {first} and not {in_words(others)}"
@@ -74,7 +74,7 @@ def _why_designed(design: Design) -> str:
 
 
 def _why_not_designed(verdict: Verdict, design: Design | None) -> str:
-    """Reason why the point is not a designed one."""
+    """Text on why no designed point is proposed."""
     if design is not None:
         return (
             f"no operating point in reach tells {in_words(design.names)} apart "
@@ -99,10 +99,10 @@ def _why_not_designed(verdict: Verdict, design: Design | None) -> str:
 
 
 def _new_value(name: str, values: list[float], span: tuple[float, float]) -> tuple[float, str]:
-    """A new value of a quantity, and words for the values that have not been run.
+    """A new value of a quantity, and text for the range of it that has not been run.
 
-    The middle of the widest gap between the sorted ``values``, or the upper end of ``span`` where
-    there are fewer than two.
+    The middle of the widest gap between the sorted ``values`` of the fit runs, or the upper end of
+    ``span`` where there are fewer than two.
     """
     digits, (word, unit) = DIGITS[name], WORDS[name]
     if not values:

@@ -1,9 +1,9 @@
 """Separation of two explanations by runs: their difference after a fit of one to the other.
 
 The prediction of one explanation minus that of the other, after a fit of the parameters of the
-other and of the tolerances of the nominal gear; in the mesh forces where they are measured, else
-in the accelerations of the bodies. The predictions are linearised at the best fit of each
-explanation; parameters stay within their bounds.
+other and of the tolerances of the nominal gear; in the mesh forces, or in the accelerations of the
+coordinates. The predictions are linearised at the best fit of each explanation; parameters stay
+within their bounds.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance
 from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, ForceLaw, force_law
 from herringbone_sim.gap.verdict.words import effect_names
 
-SEED = 21  # of the noise realisation for the noise of the accelerations
-FORCES, BALANCE, MOTION = "forces", "balance", "motion"
+SEED = 21  # of the noise realisation from which the noise of accelerations is estimated
+FORCES, BALANCE, MOTION = "forces", "balance", "motion"  # quantities, see ``linear_predictions``
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class FittedExplanation:
     Attributes:
         actives: effects; none for the calibrated nominal gear.
         factors: (6,) on k, c and e.
-        inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
+        inverse: (3,) factors on 1/M_s, 1/M_p, 1/M_c.
     """
 
     actives: tuple[Active, ...]
@@ -53,7 +53,7 @@ class FittedExplanation:
 
     @property
     def name(self) -> str:
-        """Ids of the effects."""
+        """Ids of the effects as text, ``a with b``."""
         return effect_names(self.actives)
 
 
@@ -84,7 +84,7 @@ class Separation:
         b: (q,) right side.
         chi2: sum of squares of the difference before the fit, in units of the noise.
         count: number of values.
-        low, high: (q,) bounds of the parameters.
+        low, high: (q,) bounds of the changes of tolerances and parameters.
     """
 
     A: Array
@@ -104,7 +104,7 @@ class Separation:
         )
 
     def times(self, weight: float) -> Separation:
-        """The same for ``weight`` times as many values."""
+        """Copy for ``weight`` times as many values."""
         return replace(
             self,
             A=weight * self.A,
@@ -115,12 +115,12 @@ class Separation:
 
     @property
     def finite(self) -> bool:
-        """Whether both predictions are finite."""
+        """Whether the normal equations are finite, and so both predictions."""
         return bool(np.isfinite(self.A).all() and np.isfinite(self.b).all())
 
     @property
     def least(self) -> float:
-        """Smallest sum of squares of the difference, over parameters inside their bounds."""
+        """Sum of squares of the difference after the fit, with parameters inside their bounds."""
         scale = 1.0 / np.sqrt(np.maximum(np.diag(self.A), 1e-300))
         whole = self.A * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
         root = np.linalg.cholesky(whole).T
@@ -146,13 +146,13 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 def linear_predictions(
     one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
 ) -> list[LinearPrediction]:
-    """Predictions of explanations in a run.
+    """Predictions of explanations in a run, one for each.
 
     Args:
         one: run with its fused motion.
         explanations: at their best fits.
-        quantity: ``FORCES``; ``BALANCE``, accelerations with measured forces; or ``MOTION``,
-            accelerations with the forces of the law.
+        quantity: ``FORCES``: mesh forces; ``BALANCE``: accelerations by the torques of effects,
+            with measured mesh forces; ``MOTION``: accelerations by the forces of the law as well.
     """
     if quantity == FORCES:
         predictor: _Forces | _Bodies = _Forces(one)
@@ -164,7 +164,10 @@ def linear_predictions(
 def _linear_prediction(
     predictor: _Forces | _Bodies, one: FusedRun, explanation: FittedExplanation
 ) -> LinearPrediction:
-    """Prediction of one explanation and its derivatives, by finite differences for effects."""
+    """Prediction of one explanation, with derivatives by finite differences for its effects.
+
+    Parameters that bend the law of an effect (``Parameter.bends``) are not varied.
+    """
     law = force_law(one.run, one.fused, explanation.factors)
     values = predictor.values(explanation, law, explanation.actives)
     columns = [*predictor.tolerances(explanation, law)]
@@ -187,7 +190,7 @@ def _linear_prediction(
 
 
 def _with_step(active: Active, k: int) -> tuple[Active, float]:
-    """The effect with parameter ``k`` changed by a small step, and the step."""
+    """The effect with parameter ``k`` changed by a small step inside its bounds, and the step."""
     p, theta = active.effect.parameters[k], np.array(active.theta)
     h = 1e-2 * abs(theta[k]) if p.unit == "N/m" and theta[k] else step_of(p)
     h = -h if theta[k] + h > p.high else h
@@ -204,16 +207,16 @@ class _Forces:
     def values(
         self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
     ) -> Array:
-        """Forces (k,) with effects."""
+        """Forces (k,) of the usable meshes with effects."""
         return self._white(expected_forces(self.case, explanation.factors, actives, law))
 
     def tolerances(self, explanation: FittedExplanation, law: ForceLaw) -> list[Array]:
-        """Derivatives (k,) with respect to the toleranced factors."""
+        """Derivatives (k,) with respect to the six factors on k, c and e."""
         columns = calibration_columns(self.case, law, explanation.factors)
         return [self._white(part) for column in columns for part in _of_kinds(column)]
 
     def bounds(self, explanation: FittedExplanation) -> tuple[Array, Array]:
-        """Bounds of the changes of the toleranced factors."""
+        """Bounds (6,) of the changes of the six factors."""
         return 1.0 - BOUNDS - explanation.factors, 1.0 + BOUNDS - explanation.factors
 
     def _white(self, force: Array) -> Array:
@@ -224,13 +227,13 @@ class _Forces:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """Predicts accelerations of the coordinates of a run, in units of their noise.
+    """Predicts accelerations of the m coordinates of a run, in units of their noise.
 
     Attributes:
         case: the run.
         balance: its torque balance.
-        through: (m, n_bodies) accelerations per body torque.
-        of_force: (m, n_mesh) accelerations per mesh force.
+        through: (m, n_bodies) accelerations per body torque (over base radius) [1/kg].
+        of_force: (m, n_mesh) accelerations per mesh force [1/kg].
         width: standard deviation of the window [mesh cycles].
         motion: whether forces are not measured, so that those of the law are used.
     """
@@ -245,7 +248,7 @@ class _Bodies:
     def values(
         self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
     ) -> Array:
-        """Accelerations (k,) with effects."""
+        """Accelerations (k,) by effects, and by the forces of the law where none are measured."""
         force, torque = effect_contributions(self.case, explanation.factors, law, actives)
         acceleration = torque @ self.through.T
         if self.motion:
@@ -253,7 +256,7 @@ class _Bodies:
         return self._white(self._average(acceleration))
 
     def tolerances(self, explanation: FittedExplanation, law: ForceLaw) -> list[Array]:
-        """Derivatives (k,) with respect to the toleranced factors."""
+        """Derivatives (k,) with respect to the factors on inertias and, by ``motion``, the law."""
         columns = [self._white(part) for part in self.balance.parts]
         if self.motion:
             for column in calibration_columns(self.case, law, explanation.factors):
@@ -262,7 +265,7 @@ class _Bodies:
         return columns
 
     def bounds(self, explanation: FittedExplanation) -> tuple[Array, Array]:
-        """Bounds of the changes of the toleranced factors."""
+        """Bounds of the changes of the factors of ``tolerances``."""
         of_law = 1.0 - explanation.factors if self.motion else np.zeros(0)
         middle = np.concatenate([1.0 - explanation.inverse, of_law])
         half = np.concatenate([np.full(3, HEAVIEST - 1.0), BOUNDS[: len(of_law)]])
@@ -278,7 +281,7 @@ class _Bodies:
 
 
 def _bodies(one: FusedRun, explanation: FittedExplanation, motion: bool) -> _Bodies:
-    """Predictor of accelerations; its noise and inertias follow the calibration of a fit."""
+    """Predictor of accelerations for a run, linearised at the calibration of an explanation."""
     run, model = one.run, one.run.model
     through = bodies_to_coordinates(model) / masses(model)
     of_force = np.tensordot(explanation.inverse, inertia_parts(model), axes=1)
@@ -292,6 +295,6 @@ def _bodies(one: FusedRun, explanation: FittedExplanation, motion: bool) -> _Bod
 
 
 def _of_kinds(column: Array) -> tuple[Array, Array]:
-    """A column (n, n_mesh) restricted to sun meshes, and the same to ring meshes."""
+    """Two copies of a column (n, n_mesh): zero but on sun meshes, zero but on ring meshes."""
     first = np.arange(column.shape[1]) < column.shape[1] // 2
     return np.where(first, column, 0.0), np.where(first, 0.0, column)

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves open, in sentences."""
+"""Sentences for the report on the questions that a diagnosis leaves open."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.verdict.decide import CLASS_PROBABILITY, Verdict
 from herringbone_sim.gap.verdict.words import effect_names, in_words
 
-# Least probability of an effect that is listed as not excluded: what a class leaves out.
+# Probability above which an effect outside the verdict is reported as not excluded.
 POSSIBLE = 1.0 - CLASS_PROBABILITY
 OTHER = {
     "none": "that there is no gap beyond tolerance and noise",
     "unknown": "a cause outside the catalogue",
 }
-LEAST_VALUES = {"delta_T": 3, "T_1": 3, "Omega": 2}  # of each quantity in the fit runs
+LEAST_VALUES = {"delta_T": 3, "T_1": 3, "Omega": 2}  # least number of different values in fit runs
 
 
 def nominal_mismatched(findings: Sequence[Finding]) -> bool:
@@ -31,7 +31,10 @@ def undecidable(
     verdict: Verdict,
     findings: Sequence[Finding] = (),
 ) -> list[str]:
-    """Sentences on what the data can't decide: by channels, operating points and verdict."""
+    """Sentences on what the data can't decide, by channels, operating points and verdict.
+
+    Empty if the nominal file describes another rig.
+    """
     if nominal_mismatched(findings):
         return []
     limits = undecidable_by_channels(calibrated.cases)
@@ -47,7 +50,7 @@ def undecidable(
 
 
 def _other_explanations(verdict: Verdict) -> list[str]:
-    """Sentences on explanations that the data leave possible beside the verdict."""
+    """Sentences on other explanations that the data do not exclude."""
     alike, chances = verdict.ambiguous_with, verdict.probabilities
     sentences = []
     if alike:
