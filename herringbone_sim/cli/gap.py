@@ -21,7 +21,6 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
-from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
@@ -92,7 +91,7 @@ def run(
         names.append("forces.csv")
     print(f"written: {', '.join(str(out / name) for name in names)}, {page}")
     if target is not None:
-        print(mirror_gap(target, prepared, diagnosis))
+        print(mirror_gap(target, diagnosis))
     return 0
 
 
@@ -199,7 +198,7 @@ def sense_line(gap: Gap) -> str:
     )
 
 
-def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diagnosis) -> str:
+def mirror_gap(target: MirrorTarget, diagnosis: Diagnosis) -> str:
     """Send a diagnosis to the Rerun viewer; return a line on where it went or why that failed."""
     try:
         from herringbone_sim.views.mirror.gap import mirror
@@ -207,7 +206,7 @@ def mirror_gap(target: MirrorTarget, campaign: PreparedCampaign, diagnosis: Diag
 
         sink = open_sink(target)
         try:
-            mirror(campaign, diagnosis, sink)
+            mirror(diagnosis, sink)
             if target.mode == "serve":
                 wait_for_interrupt(sink.address)
         finally:

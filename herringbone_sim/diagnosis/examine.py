@@ -85,13 +85,7 @@ def examine(
             at most as much as the best single effect leaves.
     """
     say("calibration")
-    search, none, left = _calibrated(machine, noise_known)
-    if none.loss < NONLINEAR_CHI2 * none.score.count:
-        larger = machine.with_more_values()
-        if larger is not None:
-            say("calibration by more values")
-            machine = larger
-            search, none, left = _calibrated(machine, noise_known, none.score.mean)
+    machine, search, none, left = _calibrated_by_enough(machine, noise_known)
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = rank(search, catalogue, None)
@@ -171,24 +165,41 @@ def examine(
     )
 
 
-def _calibrated(
-    machine: Machine, noise_known: bool, start: Array | None = None
-) -> tuple[Search, FittedExplanation, dict[str, Predictable]]:
-    """Fit the tolerances of a machine; where the noise is unknown, estimate it and fit again.
+def _calibrated_by_enough(
+    machine: Machine, noise_known: bool
+) -> tuple[Machine, Search, FittedExplanation, dict[str, Predictable]]:
+    """Fit the tolerances; where they leave little, by more values of each run if there are any.
 
-    Args:
-        start: (p,) start values of the tolerances; None: zero.
+    Returns:
+        The machine whose values were used, and what ``_calibrated`` returns.
+    """
+    search = Search(machine)
+    found = None
+    if search.null.loss >= NONLINEAR_CHI2 * search.null.count:  # noise may turn out to be larger
+        found = _calibrated(search, noise_known)
+        search, none, _ = found
+        if none.loss >= NONLINEAR_CHI2 * none.score.count:
+            return machine, *found
+    larger = machine.with_more_values()
+    if larger is None:
+        return machine, *(found or _calibrated(search, noise_known))
+    return larger, *_calibrated(Search(larger, start=search.null.mean), noise_known)
+
+
+def _calibrated(
+    search: Search, noise_known: bool
+) -> tuple[Search, FittedExplanation, dict[str, Predictable]]:
+    """Fit the tolerances exactly; where the noise is unknown, estimate it and fit again.
 
     Returns:
         The search, the fit, and the predictable part of its residual by observation.
     """
-    search = Search(machine, start=start)
     none = FittedExplanation((), search.settled(search.null))
     left = _predictable_remainder(search, none)
     if not noise_known:
         noise = {o: _noise_factors(p) for o, p in left.items()}
         left = {o: p.with_noise_scaled(noise[o]) for o, p in left.items()}
-        search = Search(machine, noise, none.score.mean)
+        search = Search(search.machine, noise, none.score.mean)
         none = FittedExplanation((), search.settled(search.null))
     return search, none, left
 

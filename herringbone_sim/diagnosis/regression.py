@@ -43,16 +43,14 @@ class Solution:
     Attributes:
         mean: (p,) posterior mean inside the bounds.
         covariance: (p, p); zero for coefficients at a bound.
-        log_evidence: log marginal likelihood relative to theta = 0.
     """
 
     mean: Array
     covariance: Array
-    log_evidence: float
 
 
 def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
-    """Solve for the posterior mean inside the bounds, its covariance and the log evidence.
+    """Solve for the posterior mean inside the bounds, and its covariance.
 
     Block principal pivoting: coefficients outside their bounds are fixed there, fixed ones whose
     gradient points inwards are released, and the free ones are solved again; one exchange at a
@@ -65,25 +63,24 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
 
     Returns:
         The posterior, with coefficients at a bound treated as certain. For a singular matrix, or
-        where exchanges don't end: mean zero, the covariance of the prior, log evidence -inf.
+        where exchanges don't end: mean zero and the covariance of the prior.
     """
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
     precision = 1.0 / sd**2
     covariance = np.zeros((p, p))
-    evidence = 0.0
     fewest, patience = p + 1, 3
     for _ in range(10 * (p + 1)):  # a few in practice; rounding may make ties cycle
         free = ~held
         right = b[free] - A[np.ix_(free, held)] @ mean[held]
         whole = A[np.ix_(free, free)] + np.diag(precision[free])
         if not (np.diag(whole) > 0.0).all():
-            return Solution(np.zeros(p), np.diag(sd**2), -np.inf)
+            return Solution(np.zeros(p), np.diag(sd**2))
         scale = 1.0 / np.sqrt(np.diag(whole))
         whole = whole * np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
         factor, failed = dpotrf(np.asarray_chkfinite(whole))
         if failed:
-            return Solution(np.zeros(p), np.diag(sd**2), -np.inf)
+            return Solution(np.zeros(p), np.diag(sd**2))
         mean[free] = scale * _solved(factor, np.asarray_chkfinite(scale * right))
         outside = free & (np.abs(mean) > bound * (1.0 + 1e-9))
         slope = b - A @ mean - precision * mean
@@ -92,16 +89,6 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
         if not wrong.any():
             inverse = _solved(factor, np.eye(len(scale))) * np.outer(scale, scale)
             covariance[np.ix_(free, free)] = inverse
-            log_det = 2.0 * np.log(np.diag(factor)).sum() - 2.0 * np.log(scale).sum()
-            fixed = mean[held]
-            evidence = float(
-                0.5 * right @ mean[free]
-                + b[held] @ fixed
-                - 0.5 * fixed @ A[np.ix_(held, held)] @ fixed
-                - 0.5 * np.sum((fixed / sd[held]) ** 2)
-                - 0.5 * log_det
-                - np.log(sd[free]).sum()
-            )
             break
         if wrong.sum() < fewest:
             fewest, patience = int(wrong.sum()), 3
@@ -112,8 +99,8 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
         held ^= wrong
         mean[held] = np.clip(mean, -bound, bound)[held]
     else:
-        return Solution(np.zeros(p), np.diag(sd**2), -np.inf)
-    return Solution(np.clip(mean, -bound, bound), covariance, evidence)
+        return Solution(np.zeros(p), np.diag(sd**2))
+    return Solution(np.clip(mean, -bound, bound), covariance)
 
 
 def _solved(factor: Array, right: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -17,13 +17,11 @@ from herringbone_sim.gap.attribution.hypothesis import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, deciding
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.gap_by_run import gap_of, metric_of
 from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations import trajectory
-from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.reconstructed_forces import (
@@ -31,11 +29,14 @@ from herringbone_sim.gap.observations.reconstructed_forces import (
     forces_of_run,
 )
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
-from herringbone_sim.gap.observations.tolerances import GAUGE_GAIN_TOLERANCE
-from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
 from herringbone_sim.gap.report import Report
+from herringbone_sim.gap.sensor_calibration import (
+    STRIDE,
+    calibrated_sensors,
+    gain_tolerances,
+    with_learned_noise,
+)
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
-from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
@@ -46,7 +47,6 @@ from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Say = Callable[[str], None]
-STRIDE = 2  # samples from one value of the force law to the next in the search
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,14 @@ class Diagnosis:
 
     Attributes:
         evidence: scores of the explanations; None where nothing could be examined.
+        runs: all usable runs, with calibrated sensors and the noise that was assumed.
         calibrated: fit runs and calibration.
         augmented: the nominal model, recalibrated, with the effects of the verdict.
         report: verdict, gap and all other results, as written to ``report.json``.
     """
 
     evidence: Evidence | None
+    runs: tuple[PreparedRun, ...]
     calibrated: Calibrated
     augmented: Augmented
     report: Report
@@ -139,29 +141,7 @@ def diagnose(
     report = _report(
         campaign, findings, machine, calibrated, model, verdict, gap, senses, in_senses, forces
     )
-    return Diagnosis(evidence, calibrated, model, report)
-
-
-def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Campaign with unknown noise estimated, and copied channels and a common delay removed."""
-    if not campaign.noise_known:
-        campaign = replace(
-            campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
-        )
-    runs = drop_common_copies(campaign.runs)
-    return replace(campaign, runs=remove_common_delay(runs, _gain_tolerances(campaign)))
-
-
-def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Campaign with unknown noise estimated from windows of the motion, if those are fitted.
-
-    Returned unchanged where the noise is known, or force law or torque balance can be formed.
-    """
-    runs = campaign.runs
-    told = campaign.noise_known and all(run.means_known for run in runs)
-    if told or not Gear(deciding(runs), stride=STRIDE).uses_windows:
-        return campaign
-    return replace(campaign, runs=with_noise_of_windows(runs, campaign.noise_known))
+    return Diagnosis(evidence, campaign.runs, calibrated, model, report)
 
 
 def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearMachine:
@@ -171,18 +151,7 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
         AnalysisError: no run of role ``fit``.
     """
     fit = leave_out_folds(_fit_runs(campaign, findings))
-    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=_gain_tolerances(campaign)))
-
-
-def _gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
-    """Gain tolerance (n_mesh,) of the force sensors, as the campaign gives it; may be empty.
-
-    If the campaign gives neither tolerances nor noise, that of strain gauges.
-    """
-    tolerances = campaign.gain_tolerance
-    if campaign.noise_known or any(tolerances):
-        return tolerances
-    return (GAUGE_GAIN_TOLERANCE,) * len(tolerances)
+    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=gain_tolerances(campaign)))
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:
@@ -248,7 +217,7 @@ def _undiagnosed(
     calibrated = Calibrated(cases, np.ones(6), None)
     gap, model = Gap("force_law", runs), nominal_model()
     report = _report(campaign, findings, machine, calibrated, model, verdict, gap, full)
-    return Diagnosis(None, calibrated, model, report)
+    return Diagnosis(None, campaign.runs, calibrated, model, report)
 
 
 def _report(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -16,8 +16,8 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.report import plain_numbers
 from herringbone_sim.gap.report_file import StoredReport
+from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
-from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verdict.augmented import from_parameters
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.serialise import (
@@ -96,10 +96,7 @@ def repeat(
     if not campaign.runs:
         raise AnalysisError(f"no run of {campaign.rig} can be used: {findings[0].text}")
     findings = tuple(f for f in findings if f.what not in ROLE_FINDINGS)
-    if not campaign.noise_known:
-        campaign = replace(
-            campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
-        )
+    campaign = calibrated_sensors(campaign)
     forces = all(np.isfinite(run.F.values).all(axis=0).any() for run in campaign.runs)
     model = from_parameters(campaign.nominal, own, actives, motion=not forces)
     correct = partial(correct_motion_sensors, actives=actives)

@@ -13,8 +13,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.attribution.hypothesis import FusedRun, expected_forces, fused_run
-from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -50,12 +49,12 @@ class RunView:
     notes: tuple[str, ...]
 
 
-def run_views(campaign: PreparedCampaign, diagnosis: Diagnosis) -> list[RunView]:
-    """Views of all runs of a campaign that the diagnosis could use, in the campaign's order."""
+def run_views(diagnosis: Diagnosis) -> list[RunView]:
+    """Views of all runs that the diagnosis could use, in the campaign's order."""
     model = diagnosis.augmented
     known = {c.run.name: c for c in diagnosis.calibrated.cases}
     views = []
-    for run in check(campaign)[0].runs:
+    for run in diagnosis.runs:
         one = known.get(run.name)
         if one is None:
             whole = correct_motion_sensors(run, model.actives)

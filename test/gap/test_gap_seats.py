@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Search, amplitudes
-from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose, machine_of
+from herringbone_sim.gap.diagnose import diagnose, machine_of
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
+from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of

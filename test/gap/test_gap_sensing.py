@@ -18,7 +18,7 @@ from herringbone_sim.gap.data.geometry import (
     bodies_to_coordinates,
     coordinates_to_meshes,
 )
-from herringbone_sim.gap.diagnose import calibrated_sensors, diagnose
+from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
@@ -35,6 +35,7 @@ from herringbone_sim.gap.residuals.fusion import (
     quadrature_covariance,
     velocity,
 )
+from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.consistency import error_signals
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
 from herringbone_sim.gap.sensors.filter_delay import longest_delay

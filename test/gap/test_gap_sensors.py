@@ -14,10 +14,10 @@ from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.diagnose import calibrated_sensors
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.consistency import (
     KINDS,
     consistency_chi2,

@@ -49,11 +49,11 @@ def found(campaign: PreparedCampaign) -> Diagnosis:
     model = Augmented(factors, np.ones(3), (stiff,))
     calibrated = Calibrated(cases, np.ones(6), None)
     report = Report("rig", verdict, [], gap, [], NextExperiment({}, ""))
-    return Diagnosis(None, calibrated, model, report)
+    return Diagnosis(None, campaign.runs, calibrated, model, report)
 
 
 def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    views = run_views(campaign, found)
+    views = run_views(found)
     assert [view.run.role for view in views] == ["fit", "fit", "held_out"]
     for view in views:
         before, after = view.reduced_chi2["nominal"], view.reduced_chi2["augmented"]
@@ -69,7 +69,7 @@ def test_columns_hold_what_their_names_say(campaign: PreparedCampaign, found: Di
 def test_the_augmented_model_moves_as_the_rig_does_where_it_is_periodic(
     campaign: PreparedCampaign, found: Diagnosis
 ) -> None:
-    for view in (run_views(campaign, found)[i] for i in (0, 2)):
+    for view in (run_views(found)[i] for i in (0, 2)):
         sizes = {name: np.std(plane[:, :, 0], axis=0) for name, plane in view.planes.items()}
         off = {name: np.mean(np.abs(s / sizes["measured"] - 1.0)) for name, s in sizes.items()}
         assert off["augmented"] < 0.02
@@ -77,7 +77,7 @@ def test_the_augmented_model_moves_as_the_rig_does_where_it_is_periodic(
 
 
 def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    of = mesh_shares(run_views(campaign, found))
+    of = mesh_shares(run_views(found))
     assert sum(share or 0.0 for share in of["nominal"].values()) == pytest.approx(1.0)
     assert sum(of["nominal"][f"sp{i}_{s}"] or 0.0 for i in (1, 2, 3) for s in "LR") > 0.95
     assert sum(share or 0.0 for share in of["augmented"].values()) < 0.1
@@ -89,7 +89,7 @@ def test_the_file_is_one_that_the_viewer_takes(
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "out" / "gap.rrd"
-    assert mirror_gap(MirrorTarget("save", "", path), campaign, found) == f"mirrored to {path}"
+    assert mirror_gap(MirrorTarget("save", "", path), found) == f"mirrored to {path}"
     done = subprocess.run(
         [rerun_binary(), "rrd", "print", str(path)], capture_output=True, text=True, timeout=120
     )
@@ -106,7 +106,7 @@ def test_the_file_is_one_that_the_viewer_takes(
 
 
 def test_a_viewer_that_is_not_there_is_said(campaign: PreparedCampaign, found: Diagnosis) -> None:
-    said = mirror_gap(MirrorTarget("connect", "127.0.0.1:9", Path("gap.rrd")), campaign, found)
+    said = mirror_gap(MirrorTarget("connect", "127.0.0.1:9", Path("gap.rrd")), found)
     assert said.startswith("not mirrored: no viewer answers at 127.0.0.1:9")
 
 
@@ -120,5 +120,5 @@ def test_a_drawing_that_fails_never_costs_the_report(
         raise ValueError("math domain error")
 
     monkeypatch.setattr("herringbone_sim.views.mirror.gap.mirror", fail)
-    said = mirror_gap(MirrorTarget("save", "", tmp_path / "gap.rrd"), campaign, found)
+    said = mirror_gap(MirrorTarget("save", "", tmp_path / "gap.rrd"), found)
     assert said == "not mirrored: math domain error"

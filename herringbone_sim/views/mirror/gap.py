@@ -10,7 +10,6 @@ import rerun as rr
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS
-from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views
 from herringbone_sim.views.mirror.frame import Frame, send_frame
@@ -25,7 +24,7 @@ from herringbone_sim.views.pages.gear_drawing import MESHES
 TIMELINE = "run_time"
 
 
-def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None:
+def mirror(diagnosis: Diagnosis, sink: Sink) -> None:
     """Send a diagnosis to an open sink: gear and verdict, then a tab per run.
 
     A tab has columns for the measurement, the nominal and the augmented model, with forces at the
@@ -38,7 +37,7 @@ def mirror(campaign: PreparedCampaign, diagnosis: Diagnosis, sink: Sink) -> None
     recording = sink.recording
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
-    views = run_views(campaign, diagnosis)
+    views = run_views(diagnosis)
     gear = bool(views) and views[0].meshes == MESHES
     if gear:
         _send_gears(recording, views)
