@@ -13,7 +13,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.screen import HEAD, Finding, may_have_gaps
 
 STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
-DROPOUT_SHARE = 0.5  # share of NaN channels above which a sample counts as a dropout
+DROPOUT_SHARE = 0.5  # fraction of NaN channels above which a sample counts as a dropout
 
 
 def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
@@ -72,14 +72,17 @@ def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
 
 
 def _odd_time_steps(series: TimeSeries) -> Flags:
-    """Time steps (n - 1,) that differ from the median step by more than ``STEP_TOLERANCE``."""
+    """Flag time steps (n - 1,) that differ from their median by more than ``STEP_TOLERANCE``."""
     steps = np.diff(series.times)
     odd: Flags = np.abs(steps / np.median(steps) - 1.0) > STEP_TOLERANCE
     return odd
 
 
 def _odd_phase_steps(series: TimeSeries) -> Flags:
-    """The same of the mesh phase (n - 1,); a step from or to NaN counts as regular."""
+    """Flag steps (n - 1,) of the mesh phase that differ from their median by ``STEP_TOLERANCE``.
+
+    A step from or to NaN is not flagged.
+    """
     if "phase" not in series:
         return np.zeros(len(series) - 1, dtype=bool)
     turn = np.diff(series["phase"])
@@ -90,7 +93,7 @@ def _odd_phase_steps(series: TimeSeries) -> Flags:
 
 
 def _dropouts(series: TimeSeries) -> Flags:
-    """Samples (n,) in which most channels, or the phase, are NaN.
+    """Flag samples (n,) in which most channels, or the phase, are NaN.
 
     Channels that are NaN throughout, and force gauges that may have gaps (``may_have_gaps``),
     don't count.
@@ -110,7 +113,7 @@ def _dropouts(series: TimeSeries) -> Flags:
 
 
 def _clock_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Finding:
-    """Finding for odd time steps."""
+    """Return a finding on the irregular time steps ``odd`` (n - 1,); ``remedy`` ends its text."""
     steps, at = np.diff(series.times), int(odd.argmax())
     often = f", the first of {int(odd.sum())} such steps" if odd.sum() > 1 else ""
     text = (
@@ -121,7 +124,7 @@ def _clock_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Findi
 
 
 def _phase_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Finding:
-    """Finding for odd steps of the mesh phase."""
+    """Return a finding on irregular phase steps ``odd`` (n - 1,); ``remedy`` ends its text."""
     turn, at = np.diff(series["phase"]), int(odd.argmax())
     text = (
         f"the mesh phase of {name} goes on by {turn[at]:.6g} rad at {series.times[at]:.6g} s, a "
@@ -131,7 +134,7 @@ def _phase_jump(name: str, series: TimeSeries, odd: Flags, remedy: str) -> Findi
 
 
 def _dropout_finding(name: str, series: TimeSeries, dropout: Flags, remedy: str) -> Finding:
-    """Finding for dropouts (n,), see ``_dropouts``; ``remedy`` ends its text."""
+    """Return a finding on the samples ``dropout`` (n,); ``remedy`` ends its text."""
     at = float(series.times[int(dropout.argmax())])
     text = (
         f"most channels or the phase of {name} are no number in {int(dropout.sum())} samples, "

@@ -1,4 +1,4 @@
-"""Folds for leave-one-out scores: the fit runs, or thirds of a single run."""
+"""Folds for leave-one-out scores: the fit runs, or parts of a single fit run."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ PARTS = 3
 
 
 def leave_out_folds(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Return the runs; a single run is cut into ``PARTS`` parts of equal length.
+    """Return the runs as folds; a single run is cut into ``PARTS`` folds of equal length.
 
-    Parts share load, temperature and speed: how an effect depends on these is not tested.
+    These have the same load, temperature and speed: how an effect depends on these is not tested.
     """
     if len(runs) != 1:
         return tuple(runs)
@@ -31,7 +31,7 @@ def leave_out_folds(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
 
 def slice_run(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
-    """Return the samples ``rows`` of a run as a run called ``name``."""
+    """Return a run with the name ``name`` that holds only the samples ``rows`` of another run."""
 
     def cut(measured: Measured) -> Measured:
         return replace(measured, values=measured.values[rows])

@@ -10,7 +10,7 @@ from herringbone_sim.core.model import Model
 
 
 def coordinates_to_meshes(layout: Layout) -> Array:
-    """D (n_mesh, n_coordinate) of x = D z - e, with z = (q, r) as in ``Layout.state_names``."""
+    """Return D (n_mesh, n_coordinate) of x = D z - e, with z as in ``Layout.state_names``."""
     n, c = layout.n_mesh, layout.n_classes
     D = np.zeros((n, layout.n_coordinate))
     for side in range(2):
@@ -23,7 +23,7 @@ def coordinates_to_meshes(layout: Layout) -> Array:
 
 
 def bodies_to_coordinates(model: Model) -> Array:
-    """B (n_coordinate, n_bodies) of z = B u; rigid rotation (2, 2, 1, 1, ...) gives zero."""
+    """Return B (n_coordinate, n_bodies) of z = B u; rigid rotation (2, 2, 1, 1, ...) gives 0."""
     layout, cos_beta = model.layout, model.scales.cos_beta
     B = np.zeros((layout.n_coordinate, len(layout.bodies)))
     B[0, 0] = B[1, 1] = cos_beta
@@ -34,12 +34,12 @@ def bodies_to_coordinates(model: Model) -> Array:
 
 
 def bodies_to_meshes(model: Model) -> Array:
-    """G = D B (n_mesh, n_bodies) of x = G u - e."""
+    """Return G = D B (n_mesh, n_bodies) of x = G u - e."""
     return np.asarray(coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model))
 
 
 def cycles_per_shaft_turn(model: Model) -> dict[str, float]:
-    """Mesh cycles per absolute revolution of suns, carrier and planets; the ring is fixed."""
+    """Return mesh cycles per revolution of sun (s), carrier (c), planet (p) against the ring."""
     p = model.parameters
     return {
         "s": p.z_s * p.z_r / (p.z_s + p.z_r),

@@ -6,19 +6,19 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 
-# Chosen, for grids (``_grid_step``): RMS departure, in steps (of points on none it is 0.29);
-# share of the points by which one step of a grid counts as met, and how many must be.
+# Criteria of ``_grid_step``, chosen: RMS distance of points from the grid in steps (0.29 if there
+# is no grid); fraction of all points that occupies a grid value; least number of occupied values.
 OFF_GRID, STEP_SHARE, LEAST_STEPS = 0.1, 0.01, 3
 
 
 def spectral_floor(values: Array, share: float = 0.2) -> Array:
-    """Standard deviation (k,) of white noise on channels (n, k), from the top of their spectra.
+    """Estimate the standard deviation (k,) of white noise on channels (n, k) from their spectra.
 
-    The median of the periodogram over the highest ``share`` of the band: the periodogram of white
-    noise is exponentially distributed, so its median is log 2 times its mean. Motion at these
-    frequencies adds to the estimate: an upper bound where noise is white. Errors of steps that
-    repeat with the motion lie in lines. Of a channel with gaps, the longest part without gaps is
-    used.
+    It follows from the median of the periodogram over the fraction ``share`` of highest
+    frequencies: the periodogram of white noise is exponentially distributed, so its median is
+    log 2 times its mean. Motion at these frequencies adds to it: an upper bound for white noise.
+    Quantisation errors that repeat with the motion lie in spectral lines and are missed. Of a
+    channel with gaps, the longest part without gaps is used.
     """
     gaps = np.flatnonzero(np.isnan(values).any(axis=0) & ~np.isnan(values).all(axis=0))
     if len(gaps):
@@ -37,37 +37,38 @@ def spectral_floor(values: Array, share: float = 0.2) -> Array:
 
 
 def _longest_finite(values: Array) -> Array:
-    """The longest part of values (n,) without NaN."""
+    """Return the longest part of values (n,) without NaN."""
     parts = np.split(values, np.flatnonzero(np.isnan(values)))
     longest = max(parts, key=len)
     return longest[np.isfinite(longest)]
 
 
 def resolution(values: Array) -> Array:
-    """Step (k,) of the converter or encoder of channels (n, k); 0 where none is seen.
+    """Return the quantisation step (k,) of channels (n, k); 0 where none is detected.
 
-    Values on a grid have one, and so have those whose second differences are on one: counts of an
-    encoder from which a steady rotation was taken off, sampled evenly.
+    It is the step of an equidistant grid on which the values lie, or their second differences:
+    those of evenly sampled counts of an encoder from which a steady rotation was subtracted.
     """
     return np.array([max(_grid_step(y, y), _grid_step(np.diff(y, 2), y)) for y in values.T])
 
 
 def quantisation_noise(values: Array) -> Array:
-    """Standard deviation (k,) of the error that rounding to steps makes in channels (n, k)."""
+    """Return the standard deviation (k,) of the quantisation error of channels (n, k)."""
     return np.asarray(resolution(values) / np.sqrt(12.0))
 
 
 def at_least_quantisation(sigma: Array, values: Array) -> Array:
-    """Noise (k,) of channels (n, k), at least that of their steps; NaN stays."""
+    """Raise the noise ``sigma`` (k,) of channels (n, k) to their quantisation noise; NaN stays."""
     found: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, quantisation_noise(values)))
     return found
 
 
 def _grid_step(points: Array, values: Array) -> float:
-    """Step of a grid on which ``points``, made of ``values``, lie; 0 without any.
+    """Return the step of an equidistant grid on which ``points`` lie; 0 if they lie on none.
 
-    Tried are the smallest distance between points, as of exact values, and the distance at which
-    distances part most clearly into small and large, as where values were rounded.
+    Candidates are the smallest distance between neighbouring points, as of exact values, and the
+    distance above the largest ratio in the sorted distances, as of values with rounding errors.
+    ``values``: the channel that the points were computed from, for the size of rounding errors.
     """
     ordered = np.sort(points[np.isfinite(points)])
     gaps = np.diff(ordered)
@@ -79,7 +80,7 @@ def _grid_step(points: Array, values: Array) -> float:
     parting = 1 + int(np.argmax(sizes[1:] / sizes[:-1]))
     for step in (float(sizes[parting]), float(sizes[0])):
         apart = gaps > 0.5 * step
-        first = np.flatnonzero(np.append(True, apart))  # point at each step of the grid
+        first = np.flatnonzero(np.append(True, apart))  # first point at each grid value
         last = np.append(first[1:], len(ordered)) - 1
         met = np.sum(last - first + 1 >= STEP_SHARE * len(ordered)) >= LEAST_STEPS
         exact = step == sizes[0]
@@ -92,7 +93,7 @@ def _grid_step(points: Array, values: Array) -> float:
 
 
 def _refined(step: float, gaps: Array) -> float:
-    """Step of which gaps are whole multiples, fitted to ever larger ones."""
+    """Refine a step by least squares on gaps that are multiples of it, small gaps first."""
     for reach in 1.5 * 2.0 ** np.arange(20):
         near = gaps[gaps < reach * step]
         whole = np.rint(near / step)

@@ -36,7 +36,7 @@ from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.importing.turns import base_radius
 from herringbone_sim.recording.reader import Recording, read_recording
 
-Sensors = Mapping[str, Mapping[str, float]]  # data of single channels in campaign.yaml
+Sensors = Mapping[str, Mapping[str, float]]  # channel -> data in campaign.yaml
 
 
 def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
@@ -46,7 +46,7 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
 
     Args:
         folder: with ``campaign.yaml``.
-        nominal: parameters of the data sheet; they are used in the full model.
+        nominal: parameters of the data sheet; its model is set to ``full``.
 
     Raises:
         RecordingError: the folder holds no campaign.
@@ -78,16 +78,16 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
 def noise_is_known(
     runs: Sequence[PreparedRun], noise_share: float | None, sensors: Sensors
 ) -> bool:
-    """Whether campaign.yaml gives the noise: a share of the RMS, or that of every channel.
+    """Whether campaign.yaml gives the noise: as a fraction of the RMS, or of each channel.
 
-    A share says nothing of rotations without a mean: their RMS is not that of the motion.
+    A fraction doesn't do for rotations without their mean, as their RMS is not that of the motion.
     """
     shared = noise_share is not None and not any(run.detrended for run in runs)
     return shared or all_noise_told(runs, sensors)
 
 
 def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
-    """Whether campaign.yaml gives the noise of every recorded channel on its own."""
+    """Whether campaign.yaml gives the noise of every recorded channel individually."""
     for run in runs:
         recorded = {
             name
@@ -103,7 +103,10 @@ def all_noise_told(runs: Sequence[PreparedRun], sensors: Sensors) -> bool:
 
 
 def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
-    """RMS of the noise of single channels in campaign.yaml; that of an angle times its radius."""
+    """Return the noise RMS [SI], by channel, that campaign.yaml gives for single channels.
+
+    That of an angle ``angle_*`` is multiplied by the base radius and assigned to ``u_*``.
+    """
     told = {name: float(one["rms"]) for name, one in sensors.items() if "rms" in one}
     for body in model.layout.bodies:
         if f"angle_{body}" in told:
@@ -113,7 +116,7 @@ def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
 
 
 def gain_tolerances(layout: Layout, sensors: Sensors) -> tuple[float, ...]:
-    """Relative gain tolerance (n_mesh,) of the force sensors in campaign.yaml; 0 without."""
+    """Return the relative gain tolerance (n_mesh,) of force sensors by campaign.yaml, or 0."""
     return tuple(
         float(sensors.get(f"F_{m}", {}).get("gain_tolerance", 0.0)) for m in layout.meshes
     )
@@ -130,10 +133,10 @@ def prepare_run(
 
     Args:
         run: path, role and operating point.
-        recording: of the run.
+        recording: the run as read.
         nominal: parameters of the data sheet.
         noise_share: RMS of the noise over that of each channel; None: estimated from spectra.
-        sensors: data of single channels; the ``rms`` of one is its noise.
+        sensors: data of single channels in campaign.yaml; their ``rms`` is the noise.
 
     Raises:
         AnalysisError: no phase that increases, or fewer than two samples.
@@ -145,7 +148,7 @@ def prepare_run(
     part, break_findings = longest_part(name, whole)
     model = build(nominal.changed(run.point))
     layout = model.layout
-    centred = detrended_rotations(whole, layout.channels_of("u"))  # as recorded, not as cut
+    centred = detrended_rotations(whole, layout.channels_of("u"))  # any part of it has a mean
     units = declared_units(recording)
     part, unit_findings = without_angles_not_in_rad(name, part, units)
     part, turned = with_rotations(model, part)
@@ -207,12 +210,12 @@ def _check_phase(name: str, series: TimeSeries) -> None:
 
 
 def declared_units(recording: Recording) -> dict[str, str]:
-    """Unit of each channel that the ``channels`` topic declares one for."""
+    """Return the units that the ``channels`` topic declares, by channel."""
     return {name: unit for name, unit in recording.channels.units.items() if unit}
 
 
 def _reader_findings(name: str, recording: Recording) -> list[Finding]:
-    """Notes of the reader as findings: damaged or missing parts, a clock that jumps back."""
+    """Return the notes of the reader as findings: damaged files, a clock that jumps back."""
     times = recording.samples.times
     findings = []
     for note in recording.notes:
@@ -227,7 +230,7 @@ def _reader_findings(name: str, recording: Recording) -> list[Finding]:
 
 
 def _unknown_channels(name: str, series: TimeSeries, layout: Layout) -> list[Finding]:
-    """Channels of meshes and bodies that the nominal gear does not have."""
+    """Return a finding on channels of meshes and bodies that the nominal gear lacks, if any."""
     known = {*layout.channels, *layout.channels_of("a"), *layout.channels_of("pin")}
     others = tuple(n for n in series.names if n.split("_")[0] in PREFIX_UNITS and n not in known)
     if not others:
@@ -247,14 +250,15 @@ def _measured(
     told: Mapping[str, float],
     detrended: Sequence[str],
 ) -> Measured:
-    """Values (n, k) of the channels ``names``, NaN where absent, and the noise of each.
+    """Return the channels ``names`` of a series with their noise; absent ones are NaN.
+
+    The noise is at least the quantisation noise of a channel.
 
     Args:
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
-            of the converter is added. None: it is estimated from the spectrum, as is that of
-            channels without a mean (``detrended``).
-        told: RMS of the noise of single channels, in place of either. No noise is less than that
-            of the steps of a channel.
+            of the converter is added. None: the noise is estimated from the spectrum, as is that
+            of channels without their mean (``detrended``).
+        told: RMS of the noise of single channels, which has priority over both.
     """
     values = np.full((len(series), len(names)), np.nan)
     there = np.array([name in series for name in names])

@@ -24,7 +24,7 @@ class Measured:
         values: (n, k) [SI]; NaN where a channel was not recorded.
         recorded: (k,) whether each channel was recorded.
         sigma: (k,) standard deviation of the noise, same unit; NaN where not recorded.
-        told: (k,) whether the campaign tells the noise of that channel alone; None: of none.
+        told: (k,) whether campaign.yaml gives the noise of this channel; None: of no channel.
     """
 
     values: Array
@@ -43,7 +43,7 @@ class Measured:
         return replace(self, values=values, recorded=self.recorded & ~off, sigma=sigma)
 
     def with_noise(self, sigma: Array) -> Measured:
-        """Copy with the noise ``sigma`` (k,), except of channels of which it is told."""
+        """Copy with the noise ``sigma`` (k,), except for channels with ``told`` set."""
         kept = sigma if self.told is None else np.where(self.told, self.sigma, sigma)
         return replace(self, sigma=kept)
 
@@ -58,7 +58,7 @@ class PreparedRun:
     ``x``, ``v``, ``F``, ``u``, ``a`` and ``pin`` are ``Measured``: NaN where not recorded.
 
     Attributes:
-        name: of the folder.
+        name: of the folder of the run.
         role: ``fit`` or ``held_out``.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
         times: (n,) [s] since the first sample of the recording; the run begins later than 0 if
@@ -70,7 +70,7 @@ class PreparedRun:
         model: nominal model at the operating point.
         waves: nominal k(t), e(t) and the derivatives of e(t) at ``phase`` minus ``delay_rad``, the
             harmonics of e(t) times ``e_share``.
-        recorded_point: (n,) recorded channels among K, delta_T and T_1, by name.
+        recorded_point: samples (n,) of K, delta_T and T_1, by name, as far as recorded.
         findings: problems of the recording, such as channels left out and breaks of the clock.
         delay_rad: delay common to all channels [rad of mesh phase], see
             ``gap.sensors.filter_delay``.
@@ -147,7 +147,7 @@ class PreparedRun:
 
     @property
     def omega_rad_per_s(self) -> float:
-        """Mean mesh frequency."""
+        """Mean mesh frequency [rad/s]."""
         return float((self.phase[-1] - self.phase[0]) / (self.times[-1] - self.times[0]))
 
 
@@ -175,11 +175,11 @@ class PreparedCampaign:
     Attributes:
         rig: name.
         nominal: parameters of the full model; each run has its own operating point.
-        runs: those that could be read.
+        runs: runs that could be read.
         meshes: kind, side and planet of each mesh.
-        missing: (run, reason) of those that could not be read.
+        missing: (name, reason) of runs that could not be read.
         noise_known: whether campaign.yaml gives the noise; else it is estimated from spectra.
-        gain_tolerance: (n_mesh,) of the force sensors by campaign.yaml; 0 where it gives none.
+        gain_tolerance: (n_mesh,) relative, of force sensors by campaign.yaml; 0 where not given.
     """
 
     rig: str
@@ -196,11 +196,11 @@ class PreparedCampaign:
 
 
 def mesh_table(layout: Layout) -> MeshTable:
-    """Kind, side and planet of each mesh of a layout."""
+    """Return kind, side and planet of each mesh of a layout."""
     kind, side, planet = np.indices((len(KINDS), len(SIDES), layout.n_classes)).reshape(3, -1)
     return MeshTable(layout.meshes, kind, side, planet)
 
 
 def deciding(runs: Sequence[PreparedRun]) -> Sequence[PreparedRun]:
-    """Runs that may decide what is done to all: of the role ``fit``; all if there are none."""
+    """Return the runs that corrections of all runs are estimated from: fit runs; if none, all."""
     return [run for run in runs if run.role == "fit"] or runs

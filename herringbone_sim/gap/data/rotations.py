@@ -1,7 +1,7 @@
-"""Rotations of raw encoder angles, and rotations that lack their mean.
+"""Compute rotations u from raw encoder angles, and detect rotations that lack their mean.
 
-An encoder tells how far its shaft has turned since a mark that has nothing to do with the middle
-of the backlash. Once the steady rotation is taken off, the wind-up under the load is gone with it.
+An encoder measures angles from an arbitrary mark, not from the middle of the backlash. Where the
+steady rotation is subtracted, the mean rotation by the wind-up under load is subtracted with it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.recording.importing.spec import recorded_name
 from herringbone_sim.recording.importing.turns import unwrapped, with_turns
 
-ROUNDING = 1e-9  # mean over largest value below which it is rounding alone
+ROUNDING = 1e-9  # mean over largest value below which the mean is a rounding error
 
 
 def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[str, ...]]:
-    """Series with raw encoder angles ``angle_*`` replaced by rotations, and the names of those.
+    """Replace raw angles ``angle_*`` [rad] by rotations ``u_*`` [m]; also return the new names.
 
-    A rotation that is recorded itself stays, and the angle of its body is left alone.
+    Where ``u_*`` of a body is recorded itself, it and the angle are not changed.
     """
     names = [f"angle_{body}" for body in model.layout.bodies]
     angles = {
@@ -44,7 +44,7 @@ def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[
 def without_angles_not_in_rad(
     run: str, series: TimeSeries, units: Mapping[str, str]
 ) -> tuple[TimeSeries, list[Finding]]:
-    """Series without raw angles that the recorder declares to be in another unit than rad."""
+    """Remove raw angles that are declared in another unit than rad; also return a finding."""
     odd = [
         n
         for n in series.names
@@ -60,10 +60,10 @@ def without_angles_not_in_rad(
 
 
 def detrended_rotations(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:
-    """The rotations ``names`` of a recording, if none of them has a mean; else none.
+    """Return which of the rotations ``names`` are recorded, if all lack their mean; else none.
 
-    Rotations about the middle of the backlash have one, as the load winds the gear up. It is zero
-    where it is less than rounding, or than half a step of the converter.
+    Rotations about the middle of the backlash have a mean, as the load winds the gear up. It
+    counts as zero below the rounding error, or below half a step of the converter.
     """
     there = tuple(n for n in names if n in series and np.isfinite(series[n]).any())
     for name in there:

@@ -17,7 +17,7 @@ from herringbone_sim.errors import shown
 HEAD = ("t", "phase", "K", "delta_T", "T_1")  # channels of every recording, never left out
 AT_LIMIT = 8  # least number of samples at the extreme value of a saturated channel
 CROWDED = 4.0  # least ratio of that number to the samples at any neighbouring value
-NEAR = 20  # number of neighbouring values
+NEAR = 20  # number of neighbouring values compared
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Finding:
     """A problem of the data of a campaign, or a limit on what they can show.
 
     Attributes:
-        what: id of the rule, such as ``nan``, ``saturated``, ``unit``, ``clock``.
+        what: id of the kind of problem, such as ``nan``, ``saturated``, ``unit``, ``clock``.
         run: name of the run; empty for the campaign.
-        channels: concerned; empty for all.
-        time_s: where it begins [s]; None when it holds throughout.
+        channels: channels concerned; empty for all.
+        time_s: time at which the problem begins [s]; None if it has no definite time.
         text: what is wrong, the value got, and how the data are used.
         fatal: whether the run (or, without a run, the campaign) can't be used.
         limit: whether the data are right, but too few to decide something.
@@ -44,7 +44,7 @@ class Finding:
 
 
 def finding_texts(findings: Sequence[Finding]) -> list[str]:
-    """Texts of findings; what several runs have in common is said once, with their names."""
+    """Return the texts of findings; a text common to several runs once, with their names."""
     runs: dict[str, list[str]] = {}
     for one in findings:
         name, colon, rest = one.text.partition(": ")
@@ -61,10 +61,10 @@ def screen(
     Args:
         name: of the run.
         series: as recorded.
-        units: of channels, as the recorder declares them.
+        units: declared units by channel; None: none are declared.
 
     Returns:
-        Remaining channels, and a finding for each kind of fault.
+        Series of the remaining channels, and a finding for each kind of fault.
     """
     findings = []
     gaps = may_have_gaps(series.names)
@@ -83,15 +83,16 @@ def screen(
 
 
 def may_have_gaps(names: Sequence[str]) -> bool:
-    """Whether forces may be NaN at times: only without displacements, where no force law is used.
+    """Whether force channels may be NaN at times: only if no displacement is among the channels.
 
-    A gauge at a fixed place of the ring records only while a planet passes it.
+    Without displacements no force law is used. A gauge at a fixed point of the ring records only
+    while a planet passes it.
     """
     return not any(name.startswith("x_") for name in names)
 
 
 def _merge_by_rule(findings: list[Finding]) -> list[Finding]:
-    """One finding for each rule: the text of the earliest, and the channels of all."""
+    """Merge findings with the same ``what``: text of the earliest, channels of all."""
     kinds: dict[str, list[Finding]] = {}
     for finding in findings:
         kinds.setdefault(finding.what, []).append(finding)
@@ -105,7 +106,7 @@ def _merge_by_rule(findings: list[Finding]) -> list[Finding]:
 
 
 def _not_si(name: str, series: TimeSeries, channel: str, unit: str | None) -> Finding | None:
-    """A channel whose declared unit is not the SI unit of its quantity."""
+    """Return a finding if the declared unit of a channel is not the SI unit of its quantity."""
     expected = PREFIX_UNITS.get(channel.split("_")[0])
     if unit is None or expected is None or unit == expected:
         return None
@@ -117,7 +118,7 @@ def _not_si(name: str, series: TimeSeries, channel: str, unit: str | None) -> Fi
 
 
 def _nan(name: str, series: TimeSeries, channel: str, gaps: bool) -> Finding | None:
-    """A channel with NaN; a force that may have gaps only if it is NaN throughout."""
+    """Return a finding if a channel has NaN; for a force with ``gaps``, if it has nothing else."""
     missing = ~np.isfinite(series[channel])
     if not missing.any() or (gaps and channel[0] == "F" and not missing.all()):
         return None
@@ -131,7 +132,7 @@ def _nan(name: str, series: TimeSeries, channel: str, gaps: bool) -> Finding | N
 
 
 def _constant(name: str, series: TimeSeries, channel: str) -> Finding | None:
-    """A channel with the same value in all samples."""
+    """Return a finding if a channel has the same value in all samples."""
     values = series[channel]
     values = values[np.isfinite(values)]
     if len(values) < 3 or np.ptp(values) > 0.0:
@@ -144,7 +145,7 @@ def _constant(name: str, series: TimeSeries, channel: str) -> Finding | None:
 
 
 def _saturated(name: str, series: TimeSeries, channel: str) -> Finding | None:
-    """A channel whose largest or smallest value occurs far more often than its neighbours.
+    """Return a finding if the largest or smallest value occurs far more often than its neighbours.
 
     Noise, quantisation and periodic motion raise the counts of the neighbouring values as well.
     """

@@ -25,11 +25,14 @@ CLOCK_UNITS = {  # ratio of the apparent to the nominal mesh frequency
     0.5 / np.pi: "phase in mesh cycles",
 }
 NEAR = 0.05  # relative tolerance of a speed ratio against the factor of a unit
-FAR = 10.0**1.5  # factor between channels from which one of them is in another unit
+FAR = 10.0**1.5  # ratio of sizes from which one of two channels is in another unit
 
 
 def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
-    """A run whose time or phase is in another unit, by its mesh frequency over the nominal one."""
+    """Return a fatal finding if the time or phase of a run is in another unit.
+
+    ``ratio``: mesh frequency of the run over the nominal one; a unit changes it by its factor.
+    """
     for factor, words in CLOCK_UNITS.items():
         if abs(ratio / factor - 1.0) < NEAR:
             text = (
@@ -42,7 +45,7 @@ def clock_unit(run: PreparedRun, ratio: float) -> Finding | None:
 
 
 def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
-    """Remove channels in another unit than SI; also return a finding for each quantity."""
+    """Remove channels in another unit than SI; also return a finding for each such quantity."""
     findings = []
     for q, powers in {**_displacements(run), "F": _forces(run)}.items():
         off = powers != 0.0
@@ -62,7 +65,7 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
 
 
 def _displacements(run: PreparedRun) -> dict[str, Array]:
-    """Powers of ten (n_mesh,) by which x, v and u are off."""
+    """Return the powers of ten (n_mesh,) by which x, v and (if complete) D B u are off."""
     sizes = {
         "x": run.x.values.std(axis=0),
         "v": run.v.values.std(axis=0) / run.omega_rad_per_s,
@@ -78,9 +81,10 @@ def _displacements(run: PreparedRun) -> dict[str, Array]:
 
 
 def _forces(run: PreparedRun) -> Array:
-    """Powers of ten (n_mesh,) by which forces are off, by their mean against the load.
+    """Return the powers of ten (n_mesh,) by which forces are off, by their mean against the load.
 
-    Where displacements are recorded, their spread against the force law must agree in sign.
+    Where displacements are recorded, the comparison of the standard deviation with that of the
+    nominal force law must give the same sign; else the power is 0.
     """
     nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -93,13 +97,13 @@ def _forces(run: PreparedRun) -> Array:
 
 
 def _powers(ratio: Array) -> Array:
-    """Exponent of ten of the nearest power of a thousand; 0 where the ratio is unknown."""
+    """Return log10 of the power of a thousand nearest to each ratio; 0 where it is unknown."""
     known = np.isfinite(ratio) & (ratio > 0.0)
     powers: Array = np.round(np.log10(np.where(known, ratio, 1.0)) / 3.0) * 3.0
     return powers
 
 
 def _channels(run: PreparedRun, q: str, off: Flags) -> tuple[str, ...]:
-    """Names of the channels of the quantity ``q`` where ``off`` (k,) is set; of u, all."""
+    """Return names of the channels of ``q`` where ``off`` (n_mesh,) is set; if ``q`` is u, all."""
     names = run.model.layout.channels_of(q)
     return names if q == "u" else tuple(n for n, o in zip(names, off, strict=True) if o)

@@ -31,7 +31,7 @@ def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1
     Args:
         model: nominal model at the operating point.
         phase: (n,) mesh phase [rad].
-        omega_rad_per_s: mesh frequency, for the derivatives.
+        omega_rad_per_s: mesh frequency [rad/s], for the derivatives.
         e_share: factor on the harmonics of e(t), not on its mean; below 1 where a low-pass filter
             attenuates e(t) in the recorded displacements.
     """

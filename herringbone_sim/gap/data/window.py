@@ -12,12 +12,12 @@ from herringbone_sim.arrays import Array
 
 @dataclass(frozen=True)
 class Window:
-    """A Gaussian window and its derivative.
+    """A Gaussian window and its derivative, for convolution with samples.
 
     Attributes:
         mean: (w,) weights of the average; they sum to 1.
         slope: (w,) weights of the average time derivative [1/s].
-        deviation: standard deviation in samples.
+        deviation: standard deviation [samples].
         step_s: time between samples [s].
     """
 
@@ -27,22 +27,22 @@ class Window:
     step_s: float
 
     def average(self, values: Array) -> Array:
-        """Averages (n - w + 1, m) of values (n, m)."""
+        """Return the moving averages (n - w + 1, m) of values (n, m)."""
         average: Array = oaconvolve(values, self.mean[:, None], mode="valid", axes=0)
         return average
 
     def derivative(self, values: Array) -> Array:
-        """Averages (n - w + 1, m) of the time derivative of values (n, m)."""
+        """Return the moving averages (n - w + 1, m) of the time derivative of values (n, m)."""
         rate: Array = oaconvolve(values, self.slope[:, None], mode="valid", axes=0)
         return rate
 
     def finer(self, parts: int) -> Window:
-        """The same window in time, for samples ``parts`` times as dense."""
+        """Return a window of the same duration for samples ``parts`` times as dense."""
         return gaussian_window(self.deviation * parts, self.step_s / parts)
 
 
 def gaussian_window(deviation: float, step_s: float) -> Window:
-    """Gaussian window of a standard deviation [samples], cut at 4.5 of it."""
+    """Return a Gaussian window of given standard deviation [samples], cut at 4.5 of them."""
     reach = int(np.ceil(4.5 * deviation))
     j = np.arange(-reach, reach + 1)
     bell = np.exp(-0.5 * (j / deviation) ** 2)

@@ -1,1 +1,1 @@
-"""What a recording of the gear says against its model: one residual and its columns each."""
+"""Observations of a gear: residuals of recorded runs against its model, with their columns."""

@@ -1,9 +1,9 @@
 """The torque balance as an observation: accelerations of the coordinates against forces and loads.
 
 Both sides of d2z/dt2 = M^-1 (forces, loads, control), Eqs. (12)-(14) and (18), are averaged over a
-Gaussian window; the left side by the derivative of the window (weak form), so dz/dt is not
-differentiated. Forces are the recorded ones, with the errors of their sensors, or where not
-recorded those of the law, with the effects on it.
+Gaussian window; on the left side the window is differentiated instead of dz/dt (weak form). The
+force of a mesh is the recorded one, on which sensor errors act, or, where it is not recorded, that
+of the force law, on which effects act.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, load_accelerations, window_of
 
 NAME = "torque_balance"
-# Error of ``quadrature_n`` counted as noise, as a share of its variance (20 % of its RMS); chosen.
+# Error of ``quadrature_n`` counted as noise: variance over its mean square (20 % RMS); chosen.
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
-RIPPLES = tuple(range(1, 61))  # orders of the input shaft, chosen
-# Knots about the pitch point [mesh cycles], chosen: it may lie a tenth of a cycle off, and the
-# friction rises or fades near it.
+RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input shaft; chosen
+# Knots [mesh cycles] about the nominal pitch point, chosen: the actual one may lie a tenth of a
+# cycle off, and friction rises or fades near it.
 NEAR_PITCH = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
 NEAR = tuple(f"near {i}" for i in range(len(NEAR_PITCH)))
-# Shapes of friction over the mesh cycle: the sliding direction, its lever arm, free departures.
+# Shapes of friction over the mesh cycle: direction of sliding, lever arm, free departures.
 FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR)
 
 
@@ -46,7 +46,16 @@ def function_names(
     of_law: Sequence[Function],
     on_bodies: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Columns: masses, force and its slopes by mesh, friction, ripple, law of modelled meshes."""
+    """Return the names of the columns of the balance.
+
+    These are masses, force of each mesh, its rate and time times rate (errors of force sensors),
+    friction, ripple, functions on the carrier, and functions of the law on modelled meshes.
+
+    Args:
+        modelled: (n_mesh,) meshes whose force comes from the law.
+        of_law: functions of the force law.
+        on_bodies: names of functions that are forces on the carrier.
+    """
     meshes = model.layout.meshes
     names = [*MASSES, "quadrature", "constant"]
     names += [f"{what} of {j}" for what in ("F", "slope", "clock") for j in range(len(meshes))]
@@ -59,7 +68,7 @@ def function_names(
 
 
 def accelerations(model: Model) -> Array:
-    """(n_coordinate, n_bodies) acceleration of coordinates by unit forces at base radii [1/kg]."""
+    """Accelerations (n_coordinate, n_bodies) of z by unit forces on the bodies [1/kg]."""
     s, packed = model.scales, model.packed
     inverse = np.concatenate([packed.inv_M_s, [1.0 / s.M_c], packed.inv_M_p.ravel()])
     return np.asarray(bodies_to_coordinates(model) * inverse)
@@ -72,7 +81,7 @@ class BalanceSetup:
     Attributes:
         modelled: (n_mesh,) meshes whose force comes from the law.
         window_cycles: width of the averaging window [mesh cycles].
-        on_bodies: further functions, forces on the carrier, (n,) each.
+        on_bodies: additional functions: forces (n,) on the carrier [N].
         drift: RMS of drift and hum over that of the noise.
     """
 
@@ -90,12 +99,14 @@ def block(
     quadrature_n: Array | None,
     wanted: Sequence[str] | None = None,
 ) -> Block:
-    """Torque balance of a run.
+    """Return the torque balance of a run: residual accelerations of the coordinates z [m/s^2].
+
+    Of the K window positions, every ``_stride``-th is a sample of the block.
 
     Args:
-        law: at every sample, about the change that the balance is formed at.
-        chosen: functions of the force law, which act through modelled meshes.
-        quadrature_n: (k, n_mesh) window integral of the forces minus its sum over samples [N];
+        law: force law at every sample, under the change about which the balance is linearised.
+        chosen: functions of the force law with columns, as they act through modelled meshes.
+        quadrature_n: (K, n_mesh) window integral of the forces minus its sum over samples [N];
             None where the motion between samples is unknown.
         wanted: names of the columns to form; None: all.
     """
@@ -147,24 +158,25 @@ def block(
 
 
 def _stride(window: Window) -> int:
-    """Samples between rows of the balance: one standard deviation of the window."""
+    """Number of samples from one window of the balance to the next: one standard deviation."""
     return max(1, round(window.deviation))
 
 
 def _forces(m: MeshMotion, law: Law, modelled: NDArray[np.bool_]) -> Array:
-    """(n, n_mesh) forces [N], recorded or by the law."""
+    """Mesh forces (n, n_mesh) [N]: of the law where ``modelled``, else as recorded."""
     return np.where(modelled, law.force, m.F)
 
 
 def _encoder_nuisances(
     model: Model, modelled: NDArray[np.bool_], names: Sequence[str]
 ) -> tuple[Array, Array]:
-    """Encoder errors that act through modelled forces, as shared nuisances.
+    """Return shared nuisances: encoder errors that act through modelled forces.
 
-    Their own accelerations are negligible, as shafts turn slowly.
+    The accelerations in the errors themselves are negligible, as shafts turn slowly.
 
     Returns:
-        Weights (T, rows, Q) of the functions ``names``, and prior standard deviations (T,) [m].
+        Weights (T, rows, Q) of the functions ``names``, and prior standard deviations (T,) [m];
+        T = 0 if no name begins with ``shaft``.
     """
     reach = inertia_parts(model).sum(0)
     shaft = tuple(n for n in names if n.startswith("shaft "))
@@ -185,7 +197,10 @@ def _encoder_nuisances(
 def with_quadrature(
     block: Block, after_n: Array | None, before_n: Array | None, run: PreparedRun
 ) -> Block:
-    """Replace the quadrature error ``before_n`` (k, n_mesh) [N] of a balance by ``after_n``."""
+    """Return a balance of ``run`` formed with ``before_n`` as if formed with ``after_n``.
+
+    Both are as ``quadrature_n`` of ``block``; if either is None, the balance is unchanged.
+    """
     if after_n is None or before_n is None or block.sample_index is None:
         return block
     whole = inertia_parts(run.model).sum(0)
@@ -194,7 +209,7 @@ def with_quadrature(
 
 
 def friction_shapes(phase: Array) -> dict[str, Array]:
-    """Shapes (n,) of friction over the mesh cycle, by name; the pitch point is at phase 0."""
+    """Shapes ``FRICTION`` (n,) at mesh phases (n,) [rad], by name; pitch point at phase 0."""
     s = phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
     return {
@@ -209,7 +224,7 @@ def friction_shapes(phase: Array) -> dict[str, Array]:
 
 
 def _tents(s: Array) -> Array:
-    """Tents (knots, n) about ``NEAR_PITCH`` at s (n,) mesh cycles from the pitch point."""
+    """Hat functions (knots, n) over ``NEAR_PITCH`` at s (n,) mesh cycles from the pitch point."""
     width = NEAR_PITCH[1] - NEAR_PITCH[0]
     tents: Array = np.maximum(1.0 - np.abs(s - NEAR_PITCH[:, None]) / width, 0.0)
     return tents
@@ -224,11 +239,11 @@ def _columns(
     parts: Sequence[Array],
     wanted: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], Array]:
-    """Names and columns (k, rows, Q) of the wanted functions.
+    """Names and columns (k, rows, Q) of the wanted functions, at k of the K window positions.
 
     Args:
-        parts: (k, rows) each, averaged: shares of ``MASSES`` in the accelerations, and the change
-            by ``quadrature_n``.
+        parts: (K, rows) each: averaged accelerations by 1/M_s, 1/M_p and 1/M_c, and those by
+            ``quadrature_n``.
     """
     run, m, modelled, on_bodies = g.run, g.motion, setup.modelled, setup.on_bodies
     force, stride = _forces(m, law, modelled), _stride(window)

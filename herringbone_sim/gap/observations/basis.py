@@ -1,4 +1,4 @@
-"""Basis functions of measured quantities, of which effects on the force law are composed.
+"""Basis functions of measured quantities; effects on the force law are weighted sums of them.
 
 Each function acts in one term (slot) of the law, see ``law.LawChange``.
 """
@@ -14,10 +14,10 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 
 Values = Callable[[MeshMotion, Law], Array]
-# Mesh orders of stiffness and profile waves, chosen: form of a tooth flank.
+# Mesh orders of waves of the stiffness and of the tooth profile, chosen.
 ORDERS = tuple(range(1, 9))
 TURNS = tuple(range(1, 7))  # harmonics of a revolution, chosen: long waves of a pitch error
-# Knots over the deflection |f|, chosen: static to violent load.
+# Knots over the deflection |f| [m], chosen: from static to violent load.
 LOADS_M = np.array([1e-7, 5e-7, 2e-6, 8e-6, 3e-5, 1e-4, 3e-4, 1e-3])
 
 
@@ -26,13 +26,13 @@ class Function:
     """One basis function.
 
     Attributes:
-        name: unique.
-        slot: field of ``law.LawChange`` that it adds to, or ``body``: a force on the carrier.
-        values: (motion, law) -> (n,) or (n, n_mesh).
-        rate: the same for its time derivative, of time-dependent displacements.
+        name: unique name.
+        slot: field of ``law.LawChange`` that it adds to, or ``body``: a force on the carrier [N].
+        values: (motion, law) -> (n,) or (n, n_mesh): what a unit amplitude adds to the slot.
+        rate: (motion, law) -> time derivative of ``values``, for slot ``d``; None: zero.
         nonlinear: (motion, amplitudes (n_mesh,)) -> change of the slot and of its rate, where
             these are not proportional to the amplitudes; ``values`` is then the slope at zero.
-        meshes: numbers of the meshes that it acts on; None: all.
+        meshes: indices of the meshes that it acts on; None: all.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Function:
     meshes: tuple[int, ...] | None = None
 
     def acts_on(self, mesh: int) -> bool:
-        """Whether it acts on a mesh, given by number."""
+        """Whether it acts on the mesh with this index."""
         return self.meshes is None or mesh in self.meshes
 
 
 def harmonic_function(name: str, slot: str, order: float, sine: bool) -> Function:
-    """Function cos or sin of ``order`` times the mesh phase."""
+    """Return the function cos, or sin if ``sine``, of ``order`` times the mesh phase."""
     trig = np.sin if sine else np.cos
     other = np.cos if sine else np.sin
     sign = 1.0 if sine else -1.0
@@ -63,7 +63,10 @@ def harmonic_function(name: str, slot: str, order: float, sine: bool) -> Functio
 
 
 def harmonic_functions(slot: str, label: str, orders: dict[str, float]) -> list[Function]:
-    """cos and sin of each order, named ``LABEL KEY cos``; orders by key, in mesh cycles."""
+    """Return cos and sin of the mesh phase times each order, named ``LABEL KEY cos`` (``sin``).
+
+    ``orders``: periods per mesh cycle, by key.
+    """
     return [
         harmonic_function(f"{label} {key} {'sin' if sine else 'cos'}", slot, order, sine)
         for key, order in orders.items()
@@ -72,14 +75,14 @@ def harmonic_functions(slot: str, label: str, orders: dict[str, float]) -> list[
 
 
 def hat(knots: Array, i: int, at: Array) -> Array:
-    """Hat function i over knots, piecewise linear, constant beyond the outermost knots."""
+    """Evaluate the hat function of knot i at ``at``; constant beyond the outermost knots."""
     y = np.zeros(len(knots))
     y[i] = 1.0
     return np.asarray(np.interp(at, knots, y))
 
 
 def load_hat_functions(slot: str, label: str) -> list[Function]:
-    """Hat functions over the logarithm of the deflection |f|, knots at ``LOADS_M``."""
+    """Return hat functions of log |f|, f the deflection, at ``LOADS_M``; named ``LABEL i``."""
     knots = np.log(LOADS_M)
 
     def made(i: int) -> Function:
@@ -92,12 +95,12 @@ def load_hat_functions(slot: str, label: str) -> list[Function]:
 
 
 def constant_function(name: str, slot: str) -> Function:
-    """Function 1 at all samples."""
+    """Return the function that is 1 at all samples."""
     return Function(name, slot, lambda m, law: np.ones(len(m.phase)))
 
 
 def force_column(function: Function, m: MeshMotion, law: Law) -> Array:
-    """(n, n_mesh) derivative of the mesh force [N] by the amplitude of a function."""
+    """Derivative (n, n_mesh) of the mesh forces by the amplitude of a function, in newtons."""
     g = function.values(m, law)
     g = g[:, None] if g.ndim == 1 else g
     slot = function.slot

@@ -1,4 +1,4 @@
-"""Move a linear block to amplitudes, choose its columns, and join those of two blocks."""
+"""Evaluate a linear block at other amplitudes, select its columns, join those of two blocks."""
 
 from __future__ import annotations
 
@@ -18,9 +18,14 @@ def linear_block_at(
     r: int,
     wanted: Mapping[str, Sequence[str]] | None,
 ) -> Block:
-    """Linear block of run r with its residual moved to amplitudes, restricted to wanted columns.
+    """Return the linear block of run r with the residual at given amplitudes and wanted columns.
 
-    Columns used by shared nuisances are kept.
+    Columns on which shared nuisances act are always included.
+
+    Args:
+        block: with the residual at amplitudes of zero.
+        amplitudes: (runs, R) by function.
+        wanted: names of columns, by observation; None: all.
     """
     residual = block.residual
     for name, a in amplitudes.items():
@@ -41,7 +46,7 @@ def linear_block_at(
 
 
 def joined(one: Block, other: Block) -> Block:
-    """The first block with the columns of the other after its own."""
+    """Return ``one`` with the columns of ``other``, a block of the same rows, appended."""
     return replace(
         one,
         functions=(*one.functions, *other.functions),

@@ -20,7 +20,10 @@ from herringbone_sim.gap.observations.coefficients import (
 
 
 def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Tooth friction at every place: forces mu |F| along the flanks, free over the mesh cycle."""
+    """Yield tooth friction at every place: forces mu |F| along the flanks.
+
+    Coulomb's law is the effect; departures let the force vary freely over the mesh cycle.
+    """
     gear = builder.gear
     effect = known_effects()["tooth_friction"]
     layout = gear.model.layout
@@ -46,14 +49,17 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             }
             for o in builder.window_observation:
                 bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
-            # Near the pitch point friction may still, or already, have the other sign.
+            # Near the pitch point friction may reverse earlier or later: a wide prior.
             share = 1.0 if g in balance.NEAR else DEPARTURE_SHARE
             terms.append(builder.coefficient(g, bend, 0.05 * share))
         yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
 
 
 def ripple(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Torque ripple of every order of the input shaft, with its harmonics."""
+    """Yield torque ripple of every order of the input shaft, with its harmonics.
+
+    Coefficients are amplitudes of the ripple over T_1.
+    """
     gear = builder.gear
     push = np.zeros(len(gear.model.layout.bodies))
     push[:2] = 0.5 / gear.model.scales.r_bs

@@ -1,4 +1,4 @@
-"""Rotations of all bodies, rigid rotation included: loads, masses, momentum, motion of shafts."""
+"""Loads, masses and rotations u [m] of all bodies, rigid rotation of the gear included."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
 
 
 def body_loads(model: Model, phase: Array) -> Array:
-    """(n, 9) forces on the bodies by both torques and the control at mesh phases (n,) [N]."""
+    """Forces (n, 9) [N] on the bodies by T_1, T_2 and the control at mesh phases (n,) [rad]."""
     p, sc, packed = model.parameters, model.scales, model.packed
     tau = np.zeros((len(phase), len(model.layout.bodies)))
     tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
@@ -22,13 +22,17 @@ def body_loads(model: Model, phase: Array) -> Array:
 
 
 def inverse_masses(model: Model) -> Array:
-    """(9,) 1/M of the bodies [1/kg]."""
+    """1/M (9,) of the bodies [1/kg], in the order of ``Layout.bodies``."""
     packed = model.packed
     return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
 
 
 def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
-    """(n,) sum of M r u [kg m] by the control, r the rigid rotation with 1 at the carrier."""
+    """Sum of M r u (n,) over the bodies that the control causes at mesh phases (n,) [kg m].
+
+    r is the rigid rotation, 1 at the carrier. Mesh forces do no work along it, so the second
+    derivative of the sum is the force of the control.
+    """
     sc, packed = run.model.scales, run.model.packed
     push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
     turn = packed.control_order * run.omega_rad_per_s
@@ -37,7 +41,7 @@ def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
 
 
 def rigid_swing(run: PreparedRun) -> Array:
-    """Rigid oscillation (n, 9) [m] of all bodies that the control excites.
+    """Rigid oscillation (n, 9) of all bodies that the control excites [m].
 
     Recordings of a simulator in relative coordinates lack all rigid rotation; those of a rig lack
     only its trend.
@@ -52,7 +56,7 @@ def rigid_swing(run: PreparedRun) -> Array:
 
 
 def static_rotations(run: PreparedRun) -> Array:
-    """Static rotations (9,) [m] under the torques: equal planets, e = 0, no rigid rotation."""
+    """Static rotations (9,) under the torques [m], for equal planets, e = 0 and sum of M u = 0."""
     model = run.model
     p, sc, layout = model.parameters, model.scales, model.layout
     G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
@@ -68,9 +72,9 @@ def static_rotations(run: PreparedRun) -> Array:
 
 
 def shaft_rotations(run: PreparedRun) -> Array:
-    """Rotations (n, 3) of suns and carrier [m], measured or integrated from accelerations.
+    """Rotations (n, 3) of suns and carrier [m], as recorded or integrated from accelerations.
 
-    Integration leaves out frequencies below half the mesh frequency; the mean is the static one.
+    Integration leaves out frequencies below half the mesh frequency and adds the static rotation.
     """
     bodies, n = run.model.layout.bodies, len(run)
     at = [bodies.index(name) for name in SHAFTS]

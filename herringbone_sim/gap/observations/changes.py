@@ -12,7 +12,8 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.law import Displacements, Law, LawChange, MeshMotion, law
 
-# Order in which slots are filled: later ones depend on the law that earlier ones leave.
+# Order in which slots are filled: functions of a later stage act on the law that the earlier
+# stages have changed.
 STAGES: tuple[Callable[[Function], bool], ...] = (
     lambda f: f.slot in ("d", "b_plus", "b_minus"),
     lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
@@ -36,14 +37,18 @@ class MovingPart(Protocol):
         offsets: Array,
         slopes: bool,
     ) -> Displacements:
-        """Displacements of the meshes by the part, and their derivatives, by function name.
+        """Return the displacements of the meshes by the part, by function name.
 
         Args:
             m: motion at equal, fine steps.
-            change: change of the law by everything else.
+            change: change of the law by all else: functions, and parts integrated before.
             label: prefix of the names of its functions.
-            offsets: offsets of the logarithms of its parameters.
+            offsets: (p,) offsets of the logarithms of its parameters.
             slopes: whether to compute derivatives by the parameters.
+
+        Returns:
+            The displacements under ``label``; with ``slopes``, their derivatives by the logarithm
+            of each parameter under ``LABEL NAME``.
         """
 
 
@@ -72,13 +77,13 @@ class LawChanges:
         amplitudes: Mapping[str, Array],
         wanted: Sequence[str] | None = (),
     ) -> LawChange:
-        """Change of the law of a run by functions at amplitudes (n_mesh,).
+        """Return the change of the law of a run by functions at given amplitudes.
 
         Args:
             m: motion of the run.
-            between: the same motion at finer steps, on which parts are integrated; None: parts
-                are at rest; ``m`` itself where its steps are fine enough.
-            amplitudes: by function name.
+            between: the same motion at finer steps, on which parts are integrated; ``m`` itself
+                if its steps are fine enough; None: parts do not move.
+            amplitudes: (n_mesh,) by function name.
             wanted: functions whose columns will be formed; None: all.
         """
         change = LawChange(displacements=self._displacements(m, between, amplitudes, wanted))
@@ -88,7 +93,7 @@ class LawChanges:
         return change
 
     def _add(self, change: LawChange, m: MeshMotion, amplitudes: Mapping[str, Array]) -> None:
-        """Add all functions but those of moving parts to ``change``."""
+        """Add all functions but those of moving parts, at their amplitudes, to ``change``."""
         on = [f for f in self._others if np.any(amplitudes.get(f.name, 0.0))]
         for stage in STAGES:
             chosen = [f for f in on if stage(f)]
@@ -104,7 +109,7 @@ class LawChanges:
         amplitudes: Mapping[str, Array],
         wanted: Sequence[str] | None,
     ) -> Displacements:
-        """Displacements of parts with an amplitude or wanted, at the samples of ``m``."""
+        """Displacements of the parts wanted or with an amplitude, at the samples of ``m``."""
         needed = set(self.parts) if wanted is None else set(wanted) & set(self.parts)
         on = [x for x in self.parts if x in needed or np.any(amplitudes.get(x, 0.0))]
         if not on:
@@ -133,7 +138,10 @@ class LawChanges:
         on: Sequence[str],
         slopes: set[str],
     ) -> Displacements:
-        """Integrate parts one after the other, each driven by the law that earlier ones change."""
+        """Integrate the parts ``on`` in turn, each under the law as changed by those before it.
+
+        ``slopes``: labels of parts whose derivatives by their parameters are computed too.
+        """
         found: dict[str, tuple[Array, Array]] = {}
         change = LawChange()
         self._add(change, m, amplitudes)
@@ -149,7 +157,7 @@ class LawChanges:
 def _displace(
     change: LawChange, displacements: Displacements, label: str, amplitudes: Mapping[str, Array]
 ) -> None:
-    """Add the displacement of a part at its amplitude to ``change``."""
+    """Add the displacement of part ``label`` at its amplitude to ``change``."""
     a = amplitudes.get(label)
     if a is not None and np.any(a):
         d, rate = displacements[label]
@@ -157,7 +165,7 @@ def _displace(
 
 
 def _add(change: LawChange, f: Function, m: MeshMotion, now: Law, a: Array) -> None:
-    """Add a function at amplitudes ``a`` (n_mesh,) to ``change``; ``now``: the law before it."""
+    """Add a function at amplitudes ``a`` (n_mesh,), evaluated at ``now``, to ``change``."""
     if f.nonlinear is not None:
         value, rate = f.nonlinear(m, a)
         setattr(change, f.slot, getattr(change, f.slot) + value)

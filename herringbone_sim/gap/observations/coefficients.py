@@ -1,4 +1,4 @@
-"""Coefficients with their weights on the rows of a gear's observations."""
+"""Build coefficients: their weights on the functions and rows of a gear's observations."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from herringbone_sim.gap.observations import balance, force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.residuals.balance import inertia_parts
 
-DEPARTURE_SHARE = 0.25  # prior departure of a curve, as a share of the effect; chosen
+DEPARTURE_SHARE = 0.25  # prior SD of a departure over the size of the effect; chosen
 Weights = dict[str | tuple[str, str], float | Array]
 
 
 class CoefficientBuilder:
     """Builds coefficients for the observations of a gear.
 
-    A function of the force law also acts through the balance of meshes without recorded force, and
-    through windows of the motion; these weights are added here.
+    A function of the force law also acts in the balance, through meshes without recorded force,
+    and in the trajectory observation; weights for these are added here.
     """
 
     def __init__(self, gear: Gear) -> None:
@@ -28,17 +28,17 @@ class CoefficientBuilder:
 
     @property
     def window_observation(self) -> tuple[str, ...]:
-        """Name of the trajectory observation, if it is formed."""
+        """Tuple of the name of the trajectory observation; empty if it is not formed."""
         return (trajectory.NAME,) if self.gear.uses_windows else ()
 
     def coefficient(
         self, name: str, weights: Weights, sd: float, bound: float = np.inf, center: float = 0.0
     ) -> Coefficient:
-        """Coefficient with given weights and those that follow from them.
+        """Return a coefficient with given weights and those that follow from them.
 
         Args:
-            weights: by function of the force law, or by (observation, function): a number, (rows,)
-                or (runs, rows).
+            weights: by function of the force law, or by (observation, function): amplitude of the
+                function for a coefficient of 1; a number, (rows,) or (runs, rows).
             sd, bound, center: see ``Coefficient``.
         """
         placed: dict[str, list[tuple[int, str, Array]]] = {}
@@ -58,7 +58,7 @@ class CoefficientBuilder:
     def _append(
         self, placed: dict[str, list[tuple[int, str, Array]]], o: str, function: str, weight: Array
     ) -> None:
-        """Append (row, function, weights (runs,)) of one function to ``placed``."""
+        """Append (row, function, weights (runs,)), and those that follow, to ``placed``."""
         rows = self.rows(o)
         w = np.broadcast_to(weight, (self.runs, rows))
         for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
@@ -77,7 +77,7 @@ class CoefficientBuilder:
                     placed.setdefault(balance.NAME, []).append(one)
 
     def rows(self, o: str) -> int:
-        """Number of rows of an observation."""
+        """Number of rows of observation ``o``."""
         if o == force_law.NAME:
             return self.gear.model.layout.n_mesh
         if o == trajectory.NAME:

@@ -1,7 +1,8 @@
 """Estimate the delay common to all channels where rotations don't determine it.
 
-The delay of e(t) and k(t) that minimises the residual of the calibrated gear on short stretches of
-the fit runs is removed, unless a time shift of single meshes or sensors explains more.
+The delay of e(t) and k(t) that minimises the residual of the nominal gear with fitted tolerances,
+on short stretches of the fit runs, is applied to k(t) and e(t) of all runs, unless a time shift of
+single meshes or sensors explains more.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from herringbone_sim.gap.sensors.filter_delay import (
 )
 
 STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
-N_STRETCHES = 2  # runs used, the fastest ones, where a delay is largest in phase
+N_STRETCHES = 2  # runs used: the fastest, where a delay is largest as a phase
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
-MAX_NULL_CHI2 = 2.0  # chi2 per value; below it no delay is visible; chosen
+MAX_NULL_CHI2 = 2.0  # chi2 per value without a delay, below which none is estimated; chosen
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -33,9 +34,12 @@ TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 def remove_common_delay(
     runs: Sequence[PreparedRun], gain_tolerance: Sequence[float]
 ) -> tuple[PreparedRun, ...]:
-    """Runs with k(t) and e(t) delayed like the channels; unchanged where no delay is found.
+    """Return the runs with k(t) and e(t) delayed like the channels; unchanged without a delay.
+
+    ``compensate_filter`` estimates the delay if a fit run has displacements and all rotations.
 
     Args:
+        runs: of one rig; those of the role ``fit`` decide.
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
     """
     fit = deciding(runs)
@@ -55,7 +59,7 @@ def remove_common_delay(
         return Search(GearMachine(gear))
 
     def left(delay: float) -> float:
-        """Chi2 per value of the calibrated gear at a delay [s]."""
+        """Chi2 per value of the gear with fitted tolerances at a delay [s]."""
         score = null(delay).null
         return score.in_sample / score.count
 

@@ -1,7 +1,7 @@
 """Effect of a low-pass filter common to all channels on the force law.
 
 The filter smooths displacements and forces alike, but the force of a smoothed displacement is not
-the smoothed force, as k(t) and backlash are nonlinear. The displacement before a low-pass
+the smoothed force, as k(t) varies and backlash is nonlinear. The displacement before a low-pass
 1 / (1 + t_1 s + t_2 s^2) is x + t_1 dx/dt + t_2 d2x/dt2; its force is filtered again. The common
 delay t_1 is in k(t) and e(t) already, see ``common_delay``.
 """
@@ -18,13 +18,16 @@ from herringbone_sim.gap.observations.law import MeshMotion, law
 from herringbone_sim.gap.sensors.filter_delay import CORNER
 
 # t_1 and t_2 times powers of the corner frequency: first order, and Butterworth of second order.
-# Others of second order, damping ratio d, are nearly combinations: 2 (2 d^2 - 1) of the first.
+# One of second order with damping ratio d is nearly Butterworth's plus 2 (2 d^2 - 1) times the
+# first-order one.
 FILTERS = ((1.0,), (2.0**0.5, 1.0))
-MAX_FILTER_COEFFICIENTS = (2.0, 1.0)  # bounds of both amplitudes, for damping ratios from 0.5 to 1
+MAX_FILTER_COEFFICIENTS = (2.0, 1.0)  # bounds of their amplitudes: damping ratio 0.5 to 1
 
 
 def with_filter_responses(m: MeshMotion, omega_n: float) -> MeshMotion:
-    """Set ``filtered`` of a motion: change of the force by each of ``FILTERS``.
+    """Return a motion with ``filtered`` set: change of the mesh forces by each of ``FILTERS`` [N].
+
+    Corner frequencies are the lowest of the data sheet, ``CORNER`` times ``omega_n``.
 
     Args:
         m: motion at fine equal steps, x and v as recorded.
@@ -40,7 +43,7 @@ def with_filter_responses(m: MeshMotion, omega_n: float) -> MeshMotion:
 
 
 def _unfiltered(m: MeshMotion, terms: list[float]) -> MeshMotion:
-    """Motion before a filter with coefficients ``terms`` (t_1 [s], t_2 [s^2]), k(t) advanced."""
+    """Motion before a filter with ``terms`` (t_1 [s], t_2 [s^2]); k(t) is advanced by t_1."""
     step = float(m.times[1] - m.times[0])
     x, v, slope = m.x, m.v, m.v
     for term in terms:
@@ -51,7 +54,7 @@ def _unfiltered(m: MeshMotion, terms: list[float]) -> MeshMotion:
 
 
 def _lowpass(values: Array, m: MeshMotion, terms: list[float]) -> Array:
-    """Filter values (n, k), in steady state at the first sample."""
+    """Filter values (n, k) with ``terms`` (t_1 [s], t_2 [s^2]), from steady state."""
     step = float(m.times[1] - m.times[0])
     b, a, _ = cont2discrete(([1.0], [*reversed(terms), 1.0]), step, method="foh")
     start = lfilter_zi(b.ravel(), a)[:, None] * values[:1]

@@ -1,7 +1,7 @@
-"""Consistency of motion sensors as an observation: x = G u - e and dx/dt = v, free of force laws.
+"""Consistency of motion sensors as an observation: x = G u - e and dx/dt = v, for any force law.
 
 Twelve x, twelve v and nine u measure eight coordinates and their rates. The residuals of these
-relations, and of increments against integrated rates, are noise unless a sensor is wrong.
+relations, and of increments of z minus the integral of dz/dt, are noise unless a sensor is wrong.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ERROR_KINDS = ("gain", "bias", "delay", "clock")
 
 
 def function_names(layout: Layout, swap: tuple[str, str] | None) -> tuple[str, ...]:
-    """Columns: each error of each channel (x, v, u in order), and the swap of two channels."""
+    """Names of the columns: ``ERROR of CHANNEL`` for all x, v, u; ``swap`` if one is given."""
     errors = tuple(f"{kind} of {name}" for name in sensor_names(layout) for kind in ERROR_KINDS)
     return errors if swap is None else (*errors, "swap")
 
@@ -41,12 +41,17 @@ def block(
     swap: tuple[str, str] | None,
     least_rows: int = 0,
 ) -> Block | None:
-    """Consistency residuals of a run; None where it has no rows.
+    """Return the whitened residuals of the relations between motion channels of a run.
 
     Args:
+        fused: motion from which the columns are formed.
         drift: RMS of drift and hum over that of the noise.
         swap: channels that may have been swapped; None: no such column.
-        least_rows: rows of the run with most redundant channels; missing ones are zero.
+        least_rows: least number of rows, so that all runs have as many; rows beyond the relations
+            of this run are zero.
+
+    Returns:
+        The block; None without rows.
     """
     J = len(sensor_names(run.model.layout))
     signals = error_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
@@ -92,7 +97,7 @@ def block(
 
 
 def _with_rows(parts: Sequence[Array], shape: tuple[int, ...], rows: int) -> Array:
-    """Parts (n, d, ...) side by side, with zeros up to ``rows``; ``shape``: (n, ...)."""
+    """Parts (n, d, ...) joined along axis 1, zeros up to ``rows``; ``shape``: (n, ...)."""
     found = np.zeros((shape[0], rows, *shape[1:]))
     at = 0
     for part in parts:
@@ -102,7 +107,10 @@ def _with_rows(parts: Sequence[Array], shape: tuple[int, ...], rows: int) -> Arr
 
 
 def dominant_channels(block: Block) -> tuple[Array, Array]:
-    """(n, R) signal of the channel with the largest weight in each row, and its rate."""
+    """Columns of gain and delay (n, R each) of the channel with most weight in each row.
+
+    They are proportional to the signal of the channel and to its rate.
+    """
     of_gain, of_delay = (
         np.array([i for i, f in enumerate(block.functions) if f.startswith(f"{kind} of")])
         for kind in ("gain", "delay")
@@ -113,7 +121,7 @@ def dominant_channels(block: Block) -> tuple[Array, Array]:
 
 
 def _relation_rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
-    """Residual (n, d), columns (n, d, Q), weights of channels (d, J); padded with 0 to n."""
+    """Residual (n, d), columns (n, d, Q), padded with 0 to n; weights (1, d, J) of channels."""
     pad = n - len(one.residual)
     left = np.pad(one.residual, ((0, pad), (0, 0)))
     signals = np.pad(one.signals, ((0, pad), (0, 0), (0, 0)))
@@ -122,7 +130,7 @@ def _relation_rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
 
 
 def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:
-    """cos and sin of the shaft angles (n, 6), and encoder error of each channel (J,) [m]."""
+    """cos and sin of shaft angles (n, 6); size (J,) of encoder errors in channels [m], 0 for v."""
     waves = [
         trig(run.phase / cycles)
         for cycles in cycles_per_shaft_turn(run.model).values()

@@ -1,7 +1,7 @@
 """Drop channels that were computed from other channels, so that each measurement counts once.
 
-Displacements that agree with rotations to less than the noise of both are copies; so are rates
-that agree with the derivative of displacements.
+Displacements that agree with rotations more closely than independent noise allows are copies; so
+are rates that agree with the derivative of displacements.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ SPLINE_SLOPE_NOISE = float(
 
 
 def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Drop the same channels of all runs, if more than half of the fit runs that have them show
-    that they are copies.
+    """Return the runs with copied x and v marked as not recorded, the same channels in all runs.
 
-    A recorder works its channels out alike in every run; one run alone may not show it. A channel
-    that was recorded in one of those runs and is no copy there has its own error, and stays.
+    A recorder computes channels alike in every run, but a single run may not show it. So, if in
+    most fit runs most recorded channels of a quantity are copies, its channels are dropped, except
+    those that are recorded and no copy in one of these runs. Rates that remain get the noise that
+    ``without_computed`` gives them.
     """
     gone: list[str] = []
     own = [without_computed(run) for run in runs]
@@ -57,10 +58,10 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
 
 def without_computed(run: PreparedRun) -> PreparedRun:
-    """Mark x and v of a run that were computed from its other channels as not recorded.
+    """Return a run with x and v that were computed from its other channels as not recorded.
 
-    All x go together, if all u are recorded and x repeats them; v go mesh by mesh. Where most v
-    repeat x or u, the v that stay get at least the noise of a differentiated displacement.
+    All x are dropped together, if all u are recorded and x repeats them; v mesh by mesh. Where
+    most v repeat x or u, the others get at least the noise of a differentiated displacement.
     """
     layout = run.model.layout
     by_mesh, by_body = (
@@ -83,8 +84,8 @@ def without_computed(run: PreparedRun) -> PreparedRun:
         return run
     share, of_x = min(found, key=lambda one: _median(run, one[0]))
     if _median(run, share) < COPY_SHARE:
-        # A rate that disagrees although the others are copies has its own error: keep it. Its
-        # noise is that of a slope.
+        # A rate that disagrees although the others are copies has an error: it stays recorded,
+        # with the noise of a slope.
         own = zip(layout.meshes, share, strict=True)
         run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
@@ -93,23 +94,23 @@ def without_computed(run: PreparedRun) -> PreparedRun:
 
 
 def with_rate_noise(run: PreparedRun, sigma: NDArray[np.float64]) -> PreparedRun:
-    """Copy whose recorded rates have the noise ``sigma`` (n_mesh,) [m/s] where that is known."""
+    """Copy of a run with the noise ``sigma`` (n_mesh,) [m/s] of recorded rates, where finite."""
     known = run.v.recorded & np.isfinite(sigma)
     return replace(run, v=replace(run.v, sigma=np.where(known, sigma, run.v.sigma)))
 
 
 def _median(run: PreparedRun, share: NDArray[np.float64]) -> float:
-    """Median over the recorded rates."""
+    """Median of ``share`` (n_mesh,) over the meshes whose rate is recorded."""
     return float(np.median(share[run.v.recorded]))
 
 
 def _disagreement(
     run: PreparedRun, x: NDArray[np.float64], of_x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n_mesh,) RMS disagreement of rates with displacements, over that of independent noise.
+    """RMS disagreement (n_mesh,) of rates with displacements, over that of independent noise.
 
     The least of three comparisons: integral of rates, central differences, spline. Infinite where
-    there is nothing to compare.
+    rate or displacement is not known.
 
     Args:
         x: (n, n_mesh) displacements [m].

@@ -1,7 +1,7 @@
 """Hypotheses: effects of the catalogue on the force law as sums of basis functions.
 
-The catalogue's law is the prior mean of a curve: an effect's own coefficients carry it, further
-ones let the curve depart from it by ``DEPARTURE_SHARE`` of the effect's size.
+The catalogue's law is the prior mean of a curve: the coefficients of the effect scale it, those of
+departures let the curve differ from it, by ``DEPARTURE_SHARE`` of the effect's size a priori.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from herringbone_sim.gap.observations.sensor_errors import (
 
 @dataclass(frozen=True)
 class Term:
-    """A coefficient before a place is chosen.
+    """A coefficient of an effect before a place is chosen.
 
     Attributes:
         name: of the parameter, or of the departure.
         weights: by function of the force law, or by (observation, function): a number, (rows,) or
             (runs, rows).
-        sd: prior standard deviation over that of a moderate effect.
+        sd: prior standard deviation over the moderate size of the effect.
     """
 
     name: str
@@ -50,10 +50,12 @@ class Term:
 
 
 def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Iterator[Hypothesis]:
-    """The catalogue: every effect at every place with every option.
+    """Yield every effect of the catalogue at every place with every option.
+
+    Damaged teeth and moving parts are left out: the residual suggests them, see ``proposals``.
 
     Args:
-        only: effects on the force law to include; empty: all.
+        only: effects on the force law to include; empty: all. Others are always included.
     """
     layout = builder.gear.model.layout
     for effect in known_effects().values():
@@ -76,10 +78,10 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
 
 
 def _distinct_terms(terms: Sequence[Term], mains: int, mask: Array) -> Iterator[Term]:
-    """Leave out terms that add nothing on the meshes of a mask (n_mesh,).
+    """Yield the terms that add something on the meshes of a mask (n_mesh,).
 
-    The first ``mains`` always stay; a further term stays if it acts on these meshes, and not in
-    the same way as a term before it.
+    The first ``mains`` always do; a later one does if it acts on these meshes, and not in the
+    same way as a term before it.
     """
     before: list[dict[Any, bytes]] = []
     for i, term in enumerate(terms):
@@ -97,7 +99,7 @@ def _placed_term(builder: CoefficientBuilder, term: Term, mask: Array, unit: flo
 
 
 def _member_meets(options: tuple[tuple[str, object], ...], locus: Locus) -> bool:
-    """Whether the member among the options, if any, has the meshes of a place."""
+    """Whether the option ``member`` (sun, planet, ring), if given, has the meshes of a place."""
     member = dict(options).get("member")
     if member is None:
         return True
@@ -106,20 +108,20 @@ def _member_meets(options: tuple[tuple[str, object], ...], locus: Locus) -> bool
     return locus.mesh == {"sun": "sp", "ring": "rp"}[str(member)]
 
 
-# Options, moderate size in the effect's unit, terms, and number of own terms (the first ones). The
-# moderate sizes below are chosen: an effect well visible beside tolerances.
+# Options, moderate size in the effect's unit, terms, and number of the effect's terms, which come
+# first (then departures). The moderate sizes are chosen: well visible beside tolerances.
 Variant = tuple[tuple[tuple[str, object], ...], float, list[Term], int]
 
 
 def variants(effect: Effect, gear: Gear) -> Iterator[Variant]:
-    """Variants of an effect on the force law; none for other effects."""
+    """Yield the variants of an effect on the force law; none for other effects."""
     make = TERM_BUILDERS.get(effect.id)
     if make is not None:
         yield from make(gear)
 
 
 def _mean_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Change of the mean stiffness; ring meshes may change differently."""
+    """Yield one variant: k(t) changes by a factor. Departure: a further change of ring meshes."""
     ring = Term("ring", {"kappa": is_ring(gear.model.layout)}, DEPARTURE_SHARE)
     yield (), 0.1, [Term("factor", {"kappa": 1.0}, 1.0), ring], 1
 
@@ -127,12 +129,14 @@ def _mean_stiffness(gear: Gear) -> Iterator[Variant]:
 def _waves(
     label: str, unit: float, least: int, sign: float
 ) -> Callable[[Gear], Iterator[Variant]]:
-    """Builder of a wave of each mesh order from ``least`` on, with departures in other orders.
+    """Return a builder of variants: waves of each mesh order from ``least`` on.
+
+    Departures are waves of the other orders.
 
     Args:
-        label: of the wave's functions: ``k`` or ``e``.
+        label: of the functions: ``k`` or ``e``.
         unit: moderate amplitude.
-        sign: of the functions.
+        sign: of the weights.
     """
 
     def make(gear: Gear) -> Iterator[Variant]:
@@ -166,7 +170,10 @@ def _phase(gear: Gear) -> Iterator[Variant]:
 
 
 def _runout(gear: Gear) -> Iterator[Variant]:
-    """Run-out of each member with its harmonics, for both senses of planet order."""
+    """Yield the run-out of each member with its harmonics as departures.
+
+    A point of sun or ring may meet the planets in either order: two variants each.
+    """
     ring = is_ring(gear.model.layout)
     psi = planet_angles(gear.model)
     for member in ("sun", "planet", "ring"):
@@ -183,14 +190,14 @@ def _runout(gear: Gear) -> Iterator[Variant]:
 
 
 def _flanks(name: str, drive: Array | float, back: Array | float) -> Term:
-    """Departure in the shift of the drive and of the back flank."""
+    """Departure: change of the half-backlash on the drive and on the back flank."""
     return Term(name, {"b_plus": drive, "b_minus": back}, DEPARTURE_SHARE)
 
 
 def _pin(gear: Gear) -> Iterator[Variant]:
-    """Tangential pin offset: backlash moves from one flank to the other.
+    """Yield one variant: by a tangential pin offset [m], backlash moves from flank to flank.
 
-    A pin that is also off radially moves ring meshes less, a tilted one the sides differently.
+    Departures: another offset of ring meshes (pin also off radially), of the right side (tilted).
     """
     ring, right = is_ring(gear.model.layout), Locus(side="R").mask(gear.model.layout)
     departures = [_flanks("ring", ring, -ring), _flanks("right side", right, -right)]
@@ -213,13 +220,16 @@ def _backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _temperatures(gear: Gear) -> tuple[Array, Array]:
-    """delta_T and its departure of second order (runs, meshes), which is zero at 0 and 50 K."""
+    """T = delta_T and its curvature T (T / 50 K - 1), (runs, n_mesh) each [K]."""
     T = gear.delta_T[:, None] * np.ones(gear.model.layout.n_mesh)
     return T, T * (T / 50.0 - 1.0)
 
 
 def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
-    """Change of the half-backlash per kelvin, with curvature; also by flank and mesh."""
+    """Yield one variant: the half-backlash changes per kelvin [m/K].
+
+    Departures: curvature over delta_T, a further change of the back flank and of ring meshes.
+    """
     T, bend = _temperatures(gear)
     ring = is_ring(gear.model.layout)
     departures = [
@@ -231,7 +241,7 @@ def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
 
 
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
-    """Yield one variant: k falls by a share of itself per kelvin [1/K].
+    """Yield one variant: k falls by a fraction of itself per kelvin [1/K].
 
     Departures: curvature over delta_T, and a further fall of the ring meshes.
     """
@@ -242,7 +252,10 @@ def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
 
 
 def _contact_terms(gear: Gear) -> Iterator[Variant]:
-    """Exponent of the contact force, as a stiffness that depends on the deflection."""
+    """Yield one variant: the contact force has another exponent than 1, linearised.
+
+    k changes by (exponent - 1) log(|f| / 10 um) of itself. Departures: any curve over |f|.
+    """
     main: Weights = {f"kappa load {i}": float(np.log(f / 1e-5)) for i, f in enumerate(LOADS_M)}
     bend = [
         Term(f"load {i}", {f"kappa load {i}": 1.0}, DEPARTURE_SHARE) for i in range(len(LOADS_M))
@@ -251,13 +264,15 @@ def _contact_terms(gear: Gear) -> Iterator[Variant]:
 
 
 def _damping(gear: Gear) -> Iterator[Variant]:
-    """Two laws: damping only in contact, and damping by the deflection, c v at about 10 um."""
-    # The dependence on load is uncertain by half of the effect.
+    """Yield two laws: damping only in contact; damping proportional to the deflection.
+
+    The latter is c v at a deflection of 10 um. Departures: its slope, any curve over |f|.
+    """
+    # The dependence on the deflection is uncertain by half of the effect.
     bend = [Term(f"load {i}", {f"gamma load {i}": 1.0}, 0.5) for i in range(len(LOADS_M))]
     yield (("law", "contact"),), 0.3, [Term("share", {"gamma free": -1.0}, 1.0), *bend], 1
     slope: Weights = {f"gamma load {i}": float(f / 1e-5) for i, f in enumerate(LOADS_M)}
     by_load = {"gamma free": -1.0, **{name: w - 1.0 for name, w in slope.items()}}
-    # The deflection of c v itself, 10 um: its inverse within 3 times 0.5 of that.
     depth = Term("slope", slope, 0.5)
     yield (("law", "load"),), 0.3, [Term("share", by_load, 1.0), depth, *bend], 1
 

@@ -1,8 +1,8 @@
 """Damaged teeth: once-per-revolution events, found by synchronous averaging of the residual.
 
-A cracked tooth reduces stiffness, a spalled one adds a displacement, each over a window of the
-path of contact with a free curve. The phase at which the same tooth meets the other meshes depends
-on the assembly, to half a mesh cycle.
+A cracked tooth reduces the stiffness, a spalled one adds a displacement, each by a free curve over
+the path of contact. The delay after which the same tooth reaches other meshes depends on the
+assembly; it is tried with and without rounding to whole mesh cycles.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
-BINS_PER_CYCLE = 6  # of the average; runs have ten samples a mesh cycle or more
+BINS_PER_CYCLE = 6  # of the synchronous sums; runs have ten samples a mesh cycle or more
 CONTACT_CYCLES = 1.5  # mesh cycles of contact of a tooth pair (contact ratio), by data sheet
 HALF_CONTACT = 0.5 * CONTACT_CYCLES  # mesh cycles from the middle of a contact to its end
-KNOT_SPACING = 0.125  # mesh cycles between knots of the window; three samples at 24 a cycle
-# Mesh cycles from the middle of the window.
+KNOT_SPACING = 0.125  # mesh cycles between knots of the curve; three samples at 24 a cycle
+# Knots of the curve [mesh cycles], from the middle of the contact.
 KNOTS = np.arange(-9, 10, dtype=np.float64) * KNOT_SPACING
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Synchronous sums over the revolution of a member, by mesh and bin.
+    """Sums over all revolutions of a member, by mesh and bin of the revolution.
 
     Attributes:
-        A, b: (n_mesh, bins) column squared, and column times residual.
+        A, b: (n_mesh, bins) of the squared column, and of column times residual; whitened.
     """
 
     A: Array
@@ -51,7 +51,7 @@ class Fold:
 
 
 def mesh_delays(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
-    """Name and delay (n_mesh,) [mesh cycles] of a tooth at each mesh, by variant of assembly."""
+    """Yield the name of each assembly tried and the delays (n_mesh,) of a tooth [mesh cycles]."""
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     if member == "planet":
         for half in (0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles)):
@@ -65,7 +65,7 @@ def mesh_delays(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
 
 
 def tooth_meets(member: str, locus: Locus) -> bool:
-    """Whether a place is one that a tooth of the member can have."""
+    """Whether a tooth of ``member`` (sun, planet or ring) may act at all meshes of a place."""
     if member == "planet":
         return locus.planet != "all"
     return locus.mesh == {"sun": "sp", "ring": "rp"}[member]
@@ -73,13 +73,13 @@ def tooth_meets(member: str, locus: Locus) -> bool:
 
 @dataclass(frozen=True)
 class _Row:
-    """One row of an observation as far as it concerns one mesh: arrays (n,).
+    """Residual of one row of an observation, and its response to events at one mesh; arrays (n,).
 
     Attributes:
-        mesh: number of the mesh.
+        mesh: index of the mesh.
         phase: mesh phase [rad].
         residual: over its noise.
-        columns: by kind of event: change by a unit event at all times, over the noise.
+        columns: by kind of event: change by a unit event that acts all the time, over the noise.
     """
 
     mesh: int
@@ -89,7 +89,7 @@ class _Row:
 
 
 def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
-    """All rows about a change of the law: force law, and balance for meshes without force."""
+    """Rows of force law and, for meshes without force, balance; all runs, about ``amplitudes``."""
     found: list[_Row] = []
     through = gear.has_balance and bool(gear.modelled.any())
     balances = gear.blocks(amplitudes, {}, (balance.NAME,)) if through else []
@@ -110,7 +110,7 @@ def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
 
 
 def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
-    """(n, n_mesh) force [N] that an event of unit size adds, by kind, as if it never ended."""
+    """Force (n, n_mesh) [N] of an event of unit size that acts all the time, by kind."""
     return {
         "tooth_crack": -m.k * now.f,
         "tooth_spall": -now.k * (now.contact_drive + now.contact_back),
@@ -118,7 +118,7 @@ def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
 
 
 def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
-    """Rows of the balance for each mesh whose force comes from the law."""
+    """Return a row for each mesh without recorded force and coordinate that it accelerates."""
     look = window_of(g.run, gear.window_cycles)
     stride = max(1, round(look.deviation))
     root = np.sqrt(block.independent_share)
@@ -138,7 +138,7 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
 
 
 def fold_over_turn(gear: Gear, every: Sequence[_Row], member: str) -> dict[str, Fold]:
-    """Average rows synchronously with a member's revolution, for both kinds of event."""
+    """Sum rows synchronously with a member's revolution, for each kind of event."""
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(BINS_PER_CYCLE * cycles)
     n = gear.model.layout.n_mesh
@@ -156,10 +156,10 @@ EVENT_KINDS = ("tooth_crack", "tooth_spall")
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The events that remove most chi2, ``per_kind`` of each kind.
+    """Return the events that remove most chi2, best first, at most ``per_kind`` of each kind.
 
     Args:
-        amplitudes: of the current fit; its residual is searched.
+        amplitudes: of the current fit, whose residual is searched.
     """
     found: list[tuple[float, Event]] = []
     every = mesh_rows(gear, amplitudes)
@@ -175,7 +175,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
 
 
 def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
-    """Chi2 removed and event, for the best six places and assemblies of a member."""
+    """Chi2 removed and event, of the best six places and assemblies; ``one``: sums of a kind."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = one.A.shape[1]
@@ -185,7 +185,7 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
     spectrum = np.fft.rfft(kernel)
 
     def summed(values: Array) -> Array:
-        """Circular sum over the length of a contact, for every start bin."""
+        """Circular sum over the length of a contact, by the last bin of the contact."""
         return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
     A, b = summed(one.A), summed(one.b)
@@ -219,10 +219,10 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
 def window_functions(
     gear: Gear, label: str, kind: str, member: str, middle: float, late: Array
 ) -> list[Function]:
-    """Hat functions over mesh cycles from an event, named ``LABEL i``, one a knot.
+    """Return a hat function for each of ``KNOTS`` about an event, named ``LABEL i``.
 
     Args:
-        middle: of the event [mesh cycles].
+        middle: mesh phase of the middle of the contact [mesh cycles].
         late: (n_mesh,) delay at each mesh [mesh cycles].
     """
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
@@ -257,7 +257,7 @@ class Event:
         effect, locus: as in the catalogue.
         member: member with the tooth: sun, planet or ring.
         turn: mesh cycles per revolution of the member relative to the carrier.
-        middle: phase of the middle of its contact [mesh cycles].
+        middle: mesh phase of the middle of its contact [mesh cycles].
         late: (n_mesh,) delay of the contact at each mesh [mesh cycles].
     """
 
@@ -269,19 +269,14 @@ class Event:
     late: tuple[float, ...]
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """Functions of the force law that span its window, on its meshes alone.
-
-        Args:
-            gear: with the runs.
-            label: prefix of their names.
-        """
+        """Return functions of the force law, ``LABEL i``, that span its curve on its meshes."""
         late = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         every = window_functions(gear, label, self.effect, self.member, self.middle, late)
         return tuple(replace(f, meshes=at) for f in every)
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
-        """Hypothesis: a raised cosine over the window, and departures from it."""
+        """Hypothesis of the event: a raised cosine over the contact, and departures from it."""
         mask = self.locus.mask(builder.gear.model.layout)
         unit = 0.3 if self.effect == "tooth_crack" else 5e-6
         main: Weights = {f"{label} {i}": -w * mask for i, w in enumerate(BUMP) if w}
@@ -290,7 +285,7 @@ class Event:
             bend: Weights = {f"{label} {i}": -mask}
             terms.append(builder.coefficient(f"window {i}", bend, unit * 2 * DEPARTURE_SHARE))
         options = (("member", self.member),)
-        # All coefficients count as own: a free shape at one tooth imitates no other effect.
+        # None counts as a departure: a free curve at a single tooth imitates no other effect.
         return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 

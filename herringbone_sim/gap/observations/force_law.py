@@ -41,12 +41,12 @@ DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
 
 
 def of_force_sensor(function: str) -> bool:
-    """Whether a function of the force law is an error of force sensors, and no force."""
+    """Whether a function of the force law, by name, is an error of force sensors and no force."""
     return function.startswith("F ")
 
 
 def slope(m: MeshMotion, values: Array) -> Array:
-    """Time derivative (n, k) of values (n, k) by a cubic spline; NaN of columns with NaN.
+    """Time derivative (n, k) of values (n, k) by a cubic spline; NaN in columns with NaN.
 
     At five samples a mesh cycle, as the force law has where ten are recorded, differences lose a
     quarter of the first order, the spline 2 %.
@@ -59,22 +59,22 @@ def slope(m: MeshMotion, values: Array) -> Array:
 
 
 def shift_k(m: MeshMotion, _: Law) -> Array:
-    """(n, n_mesh) derivative of k by the phase, over k_m."""
+    """Derivative (n, n_mesh) of k(t) with respect to the mesh phase, over k_m."""
     return np.gradient(m.k, m.phase, axis=0, edge_order=2) / m.k_m
 
 
 def shift_e(m: MeshMotion, _: Law) -> Array:
-    """(n, n_mesh) derivative of -e by the phase [m]."""
+    """Derivative (n, n_mesh) of -e(t) with respect to the mesh phase [m]."""
     return -m.e_rate / m.omega
 
 
 def shift_e_rate(m: MeshMotion, _: Law) -> Array:
-    """(n, n_mesh) time derivative of ``shift_e`` [m/s]."""
+    """Time derivative (n, n_mesh) of ``shift_e`` [m/s]."""
     return -np.gradient(m.e_rate, m.times, axis=0, edge_order=2) / m.omega
 
 
 def phase_advance(m: MeshMotion, a: Array, what: str) -> tuple[Array, Array]:
-    """Change of k over k_m, or of -e and its rate, by a phase advance ``a`` (n_mesh,) [rad].
+    """Change of k over k_m and 0, or of -e and its rate, by a phase advance ``a`` (n_mesh,) [rad].
 
     Args:
         what: ``k`` or ``e``.
@@ -96,7 +96,7 @@ def cycles_per_member_turn(model: Model) -> dict[str, float]:
 
 
 def law_functions(model: Model) -> list[Function]:
-    """All basis functions of the force law."""
+    """Return all basis functions of the force law, errors of force sensors included."""
     found = [
         constant_function("kappa", "kappa"),
         constant_function("gamma", "gamma"),
@@ -137,17 +137,17 @@ def law_functions(model: Model) -> list[Function]:
 
 
 def _in_contact(f: Function) -> Values:
-    """Values of a function times the probability of contact."""
+    """Return the values of a function times the probability of contact."""
     return lambda m, law: f.values(m, law) * (law.contact_drive + law.contact_back)
 
 
 def _of_mesh(i: int) -> Values:
-    """Force of mesh i, in all meshes: the column of swapped force channels."""
+    """Return values that are the force of mesh i at all meshes: for swapped force channels."""
     return lambda m, law: np.repeat(law.force[:, i : i + 1], m.x.shape[1], axis=1)
 
 
 def _filtered(i: int) -> Values:
-    """Function that gives the change (n, n_mesh) of the mesh forces by low-pass filter i [N].
+    """Return values that are the change (n, n_mesh) of the mesh forces by low-pass filter i [N].
 
     The filter is common to all channels, see ``common_filter``; i counts ``FILTERS`` from 0. The
     change is 0 for a motion without ``filtered``.
@@ -156,7 +156,7 @@ def _filtered(i: int) -> Values:
 
 
 def slow_waves(times: Array) -> Array:
-    """(n, S) cosines over the run with frequencies up to ``SLOW_HZ``, without the constant."""
+    """Cosines (n, S) of 1, 2, ... half periods over the run, up to the frequency ``SLOW_HZ``."""
     span = times[-1] - times[0]
     count = max(1, int(np.ceil(2.0 * span * SLOW_HZ)))
     at = (np.arange(len(times)) + 0.5) / len(times)
@@ -170,10 +170,13 @@ def block(
     chosen: Sequence[Function],
     drift: float = DRIFT_SHARE,
 ) -> Block:
-    """Force-law residual of a run; rows of meshes without recorded force are zero.
+    """Return the force-law residual of a run: measured minus modelled force [N], a row a mesh.
+
+    Rows of meshes whose force or motion is not known are zero.
 
     Args:
-        law: at the point of linearisation.
+        m: motion of the run.
+        law: force law at ``m``, under the change about which the block is linearised.
         chosen: functions whose columns are formed.
         drift: RMS of drift and hum over that of the noise.
     """
@@ -195,7 +198,7 @@ def block(
         axis=2,
     )
     S = slow.shape[1]
-    # Power of drift is spread evenly over the cosines, whose mean square is one half.
+    # The variance of drift is spread evenly over the cosines, whose mean square is one half.
     spread = drift * np.sqrt(2.0 / S)
     sd = np.concatenate(
         [
@@ -221,7 +224,7 @@ def block(
 
 
 def encoder_nuisances(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
-    """Encoder errors once per revolution of each body, as shared nuisances.
+    """Return shared nuisances: an encoder error once per revolution of each body.
 
     A reading too large by w acts on the law as the displacement d = -(D B)[:, body] w.
 

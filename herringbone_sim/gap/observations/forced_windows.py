@@ -27,8 +27,8 @@ from herringbone_sim.gap.observations.windows import (
 )
 from herringbone_sim.gap.residuals.balance import hermite_interpolation
 
-# Windows at the start of a run, used by the filter alone; in nine it converged from all initial
-# states tried.
+# Windows at the start of a run that only the filter uses (``window_starts``); in nine it converged
+# from all initial states tried.
 LEAD_WINDOWS = 12
 
 
@@ -37,19 +37,20 @@ class ForcedWindows:
 
     Args:
         run: with rotations or accelerations of suns and carrier.
-        lead: windows at the start that only the filter uses.
-        windows: number of windows that are fitted.
+        lead: most windows at the start that only the filter uses.
+        windows: most windows that are fitted, after those of the lead.
 
     Attributes:
         recorded: windows as recorded.
         windows: windows with the sensor errors of the last change.
+        lead_windows: number of windows of the lead.
     """
 
     def __init__(
         self, run: PreparedRun, lead: int = LEAD_WINDOWS, windows: int = N_WINDOWS
     ) -> None:
         samples = window_samples(run)
-        least = min(windows, N_WINDOWS)  # more windows don't take those of the lead
+        least = min(windows, N_WINDOWS)  # more windows don't shorten the lead
         self.run, self.lead_windows = run, max(0, min(lead, (len(run) - 1) // samples - least))
         part = slice_run(run, slice(self.lead_windows * samples, None), run.name)
         self.recorded: Windows = windows_of_run(part, windows)
@@ -60,8 +61,7 @@ class ForcedWindows:
     def _nominal(self) -> tuple[Array, Array, Array]:
         """Nominal k [N/m], e [m] and rate of e [m/s], each (half steps, n_mesh).
 
-        At every half integration step of the windows, at the mesh phase less the common delay of
-        the run's channels.
+        They are late by the common delay of the run's channels.
         """
         s = self.windows
         w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
@@ -70,10 +70,10 @@ class ForcedWindows:
     def forcing(
         self, change: LawChange, masses: Array, pushes: Sequence[tuple[BodyForce, float]]
     ) -> Forcing:
-        """Forcing of the windows under a change.
+        """Return the coefficients of the equation of motion of the windows under a change.
 
         Args:
-            change: at every half step.
+            change: of the law, at every half step.
             masses: (9,) factors on 1/M.
             pushes: forces on bodies with their amplitudes.
         """
@@ -98,7 +98,7 @@ class ForcedWindows:
         )
 
     def motion(self, states: Array, phase: Array) -> MeshMotion:
-        """Mesh motion at states (n, 18) and phases (n,), without noise."""
+        """Mesh motion at states (n, 18) and mesh phases (n,) [rad], without forces and noise."""
         s, m = self.windows, self.model
         w = waves(m, phase - s.run.delay_rad, s.run.omega_rad_per_s)
         half = STATES // 2
@@ -126,7 +126,7 @@ class ForcedWindows:
         )
 
     def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
-        """Mesh motion at every half step, windows concatenated."""
+        """Mesh motion at every half step of all windows, interpolated between the steps."""
         half, steps = STATES // 2, solution.states_of_all
         u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
         return self.motion(np.hstack([u, rate]), self.windows.phase)
@@ -137,7 +137,7 @@ class ForcedWindows:
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
     ) -> Forcing:
-        """Forcing under a change, evaluated at the motion with planets in step."""
+        """Return ``forcing_under`` a change, at the motion with all unmeasured planets alike."""
         forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
         s = self.windows
         return forcing_at(
@@ -150,7 +150,13 @@ class ForcedWindows:
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
     ) -> Callable[[WindowSolution], Forcing]:
-        """Forcing under a change as a function of the states; sets ``windows``."""
+        """Return the forcing under a change as a function of the states; sets ``windows``.
+
+        Args:
+            change_of: change of the law as a function of the motion.
+            of_bodies: amplitudes of masses, sensor errors, friction, ripple and ``on_carrier``.
+            on_carrier: functions that are forces on the carrier.
+        """
         self.windows = with_sensor_errors(self.recorded, of_bodies)
         masses = self.masses(of_bodies)
 

@@ -1,4 +1,4 @@
-"""All observations of a gear's runs, about any change of the force law.
+"""All observations of a gear's runs, linearised about any change of the force law.
 
 Over 300 lines: the observations share caches and copies of one object.
 """
@@ -35,7 +35,7 @@ from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 
-# Width of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
+# Deviation of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
 WINDOW_CYCLES = 0.12
 
 
@@ -46,8 +46,9 @@ class Gear(RecordedGear):
         runs, drift, stride, swap, gain_tolerance: see ``RecordedGear``.
 
     Attributes:
-        exact_forces: whether the balance integrates forces between samples with all changes.
-        body_functions: further functions, forces on the carrier.
+        exact_forces: whether the balance integrates forces between samples under all changes of
+            the law, instead of the nominal law.
+        body_functions: additional functions: forces on the carrier.
         part_numbers: counter that labels moving parts, shared by all copies.
     """
 
@@ -75,7 +76,7 @@ class Gear(RecordedGear):
 
     @cached_property
     def functions(self) -> dict[str, tuple[str, ...]]:
-        """Names of all functions, by observation."""
+        """Names of all functions (columns), by observation."""
         laws = tuple(f.name for f in self.law_functions)
         return {
             force_law.NAME: laws,
@@ -96,9 +97,9 @@ class Gear(RecordedGear):
         }
 
     def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
-        """Gear of other runs of the rig, at every sample; windows of shared runs are reused.
+        """Gear of other runs of the rig, at every sample, with the same observations.
 
-        What is fitted to this gear holds for it, see ``take_observations``.
+        Coefficients fitted to this gear apply to it. Fitted windows of common runs are reused.
         """
         found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
         found.take_observations(self)
@@ -110,7 +111,7 @@ class Gear(RecordedGear):
         return found
 
     def with_windows(self, windows: int) -> Gear:
-        """Copy with other windows of the runs, none of them fitted."""
+        """Copy with at most ``windows`` windows of a run, none of them fitted."""
         found = copy.copy(self)
         found._forget_windows(windows)
         return found
@@ -121,7 +122,7 @@ class Gear(RecordedGear):
         return [self._quadrature_error(r, {}) for r in range(len(self.runs))]
 
     def _quadrature_error(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
-        """Window integral of the forces minus its sum over samples (k, n_mesh) [N].
+        """Window integral minus sum (k, n_mesh) [N] of forces of run r; None without ``dense``.
 
         Args:
             of_law: amplitudes (n_mesh,) by function of the law.
@@ -146,7 +147,7 @@ class Gear(RecordedGear):
 
     @cached_property
     def _balances(self) -> list[Block]:
-        """Balances with recorded forces; independent of the law except for moving parts."""
+        """Balances if all forces are recorded; only columns on the carrier depend on the law."""
         if not self._measured_balances:
             self._measured_balances += [
                 self._balance(r, g, law(g.motion), self.law_functions)
@@ -180,7 +181,7 @@ class Gear(RecordedGear):
     def law_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
     ) -> Law:
-        """Force law of a run with functions at amplitudes (n_mesh,).
+        """Evaluate the force law at a motion of a run, with functions at amplitudes (n_mesh,).
 
         Args:
             wanted: functions whose columns will be formed; None: all.
@@ -190,13 +191,16 @@ class Gear(RecordedGear):
     def change_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
     ) -> LawChange:
-        """Change of the law of a run by functions at amplitudes (n_mesh,); see ``law_of``."""
+        """Change of the law at a motion by functions at amplitudes (n_mesh,); see ``law_of``."""
         r = self.number_of.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
         return self._changes.evaluated(m, m if self.uses_windows else between, amplitudes, wanted)
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
-        """Consistency; balance, if all forces are recorded and no motion sensor is changed."""
+        """Consistency; balance, if all forces are recorded, no motion sensor error is corrected.
+
+        See ``diagnosis.machine.Machine``. No balance either where ``exact_forces``.
+        """
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
         if motion or self.modelled.any() or self.exact_forces:
             return (consistency.NAME,) if self.n_relations else ()
@@ -221,7 +225,7 @@ class Gear(RecordedGear):
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> dict[str, Block]:
-        """Blocks of run r."""
+        """Blocks of run r, by observation."""
         found: dict[str, Block] = {}
         relations = self.relations[r] if consistency.NAME in observations else None
         if relations is not None:
@@ -243,7 +247,7 @@ class Gear(RecordedGear):
             now = self.law_of(g.strided, of_law, law_columns)
             found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
         if balance.NAME in observations and self.has_balance and self.has_balance_of(r):
-            # Functions of the law are in the forces already.
+            # Functions of the law act through the forces already.
             own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
             own |= {f.name for f in self.body_functions}
             given = amplitudes.get(balance.NAME, {})
@@ -336,14 +340,14 @@ class Gear(RecordedGear):
         parts: Mapping[str, MovingPart] | None = None,
         about: Amplitudes | None = None,
     ) -> Gear:
-        """Copy with further functions.
+        """Copy with additional functions.
 
         Args:
             extra: functions of the force law.
             on_bodies: forces on the carrier.
             parts: moving parts, by the label that prefixes their functions.
-            about: amplitudes of everything else, about which parts on the carrier are computed;
-                None: as before.
+            about: amplitudes of the current fit, about which the forces of parts on the carrier
+                are computed; None: as before.
         """
         found = copy.copy(self)
         every = {**self._changes.parts, **(parts or {})}

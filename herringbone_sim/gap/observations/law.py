@@ -93,12 +93,15 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
 def waves_of(
     model: Model, omega: float, late: float, e_share: float = 1.0
 ) -> Callable[[Array], Waves]:
-    """Nominal waves as a function of phases (n,): ``late`` [rad] delay, e(t) times ``e_share``."""
+    """Return a function from mesh phases (n,) [rad] to nominal waves, delayed by ``late`` [rad].
+
+    ``e_share``: factor on the harmonics of e(t).
+    """
     return partial(_waves, model, omega, late, e_share)
 
 
 def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
-    """Nominal waves at phases (n,), ``late`` by an angle [rad]."""
+    """Nominal waves at mesh phases (n,) [rad], delayed by the angle ``late`` [rad]."""
     return waves(model, phase - late, omega, e_share)
 
 
@@ -107,12 +110,12 @@ class LawChange:
     """Change of the terms of the law: arrays (n, n_mesh) or numbers.
 
     Attributes:
-        kappa, mean_kappa: relative change of k(t), and change over k_m.
+        kappa, mean_kappa: relative change of k(t), and change of k(t) over k_m.
         d, d_rate: additional displacement [m] and its rate [m/s].
         b_plus, b_minus: change of the half-backlash on drive and back flank [m].
         gamma: relative change of c.
         extra_force: [N].
-        displacements: of moving parts at unit amplitude, by function; ``d`` has those that act.
+        displacements: by moving parts at unit amplitude, by function; ``d`` has those that act.
     """
 
     kappa: Array | float = 0.0
@@ -145,7 +148,7 @@ def select_meshes(
 
 @dataclass(frozen=True)
 class Law:
-    """The law at every sample, arrays (n, n_mesh).
+    """The force law evaluated at every sample, arrays (n, n_mesh).
 
     Attributes:
         force: [N].
@@ -170,7 +173,7 @@ class Law:
 
 
 def law(m: MeshMotion, change: LawChange | None = None) -> Law:
-    """Evaluate the force law at a motion; None: no change."""
+    """Evaluate the force law at a motion, under a change; None: the nominal law."""
     ch = change or LawChange()
     x = m.x + ch.d
     s = np.broadcast_to(np.maximum(np.nan_to_num(m.sigma_x), 1e-15), x.shape)
@@ -192,7 +195,7 @@ def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type
     """Write expectation ``f`` and variance of the backlash function and contact probabilities.
 
     From moments of max(y, 0), y ~ N(over, sigma^2), on each flank. All arrays (n, n_mesh);
-    the last four are outputs, hence more than seven arguments.
+    the last four are outputs.
     """
     n, m = x.shape
     for i in range(n):
@@ -223,5 +226,5 @@ def _smoothed_backlash(x, plus, minus, sigma, f, variance, drive, back):  # type
             variance[i, j] = max(second - first * first, 0.0)
 
 
-FAR_SIGMA = 6.0  # sigma beyond which noise is neglected: probability 1e-9
+FAR_SIGMA = 6.0  # number of sigma beyond which noise is neglected: probability 1e-9
 SQRT_2, SQRT_2_PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)

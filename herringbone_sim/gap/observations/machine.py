@@ -64,7 +64,7 @@ class GearMachine:
     def proposals(
         self, amplitudes: Amplitudes, known: Score
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Damaged teeth, flexible rings and loose pins suggested by the residual."""
+        """Damaged teeth, flexible rings and loose pins that the residual suggests."""
         if self.gear.uses_windows:
             found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
             found += window_parts.proposals(self.gear, amplitudes, known)
@@ -78,7 +78,7 @@ class GearMachine:
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:
-        """Nonlinear trials of trajectories; other observations are nearly linear."""
+        """Nonlinear trials by fits of windows; none for other observations, as nearly linear."""
         if not self.gear.uses_windows:
             return []
         return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
@@ -86,7 +86,7 @@ class GearMachine:
     def with_parts(
         self, parts: Sequence[Event | Seat], about: Amplitudes | None = None
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Extended machine and hypotheses of some damaged teeth and moving parts.
+        """Machine with the functions of some damaged teeth and moving parts, and their hypotheses.
 
         Args:
             about: see ``Gear.with_functions``.
@@ -111,13 +111,17 @@ class GearMachine:
         return machine, made
 
     def for_runs(self, runs: Sequence[PreparedRun]) -> GearMachine:
-        """Machine of other runs of the same rig, at every sample."""
+        """Machine of other runs of the same rig, at every sample; see ``Gear.for_runs``."""
         return GearMachine(self.gear.for_runs(runs))
 
     def transferred(
         self, hypotheses: Sequence[Hypothesis]
     ) -> tuple[GearMachine, list[Hypothesis]]:
-        """Hypotheses of another machine of the rig for these runs, and the machine for them."""
+        """Rebuild hypotheses of another machine of the rig for the runs of this one.
+
+        Returns:
+            Copy of this machine with their functions, and the hypotheses in the order given.
+        """
         machine, made = self.with_parts([h.source for h in hypotheses if h.source is not None])
         plain = [h for h in hypotheses if h.source is None]
         only = {h.effect for h in plain}
@@ -136,7 +140,7 @@ class GearMachine:
         return self.gear.uses_windows
 
     def with_more_values(self) -> GearMachine | None:
-        """With ``windows.MORE_WINDOWS`` of a run, where fewer are fitted and there are more."""
+        """Machine with up to ``MORE_WINDOWS`` windows of a run; None where these are no more."""
         fitted = self.gear.windows
         longer = any(len(g.run) > (fitted + 1) * window_samples(g.run) for g in self.gear.runs)
         if not self.gear.uses_windows or fitted >= MORE_WINDOWS or not longer:

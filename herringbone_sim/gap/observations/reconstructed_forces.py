@@ -1,11 +1,11 @@
 """Forces of all meshes from the fitted windows of a run with few channels, with a 90 % band.
 
-Forces are those of the law at the fitted states. The band holds, linearly about the fit, what the
-noise of the channels leaves of the states and what the fit runs leave of the coefficients of the
-explanation, by which the states move too. Ties between windows leave room for an error of the law
-and are no readings: they hold the states together but add no noise. Where the explanation leaves
-more of the run than noise, all of that counts as noise, but the band does not hold what another
-law would make of the meshes, nor another minimum of the fit, such as planets in another order.
+Forces are those of the law at the fitted states. The band contains, linearised about the fit, the
+error of the states by the noise of the channels, and the error of the explanation's coefficients,
+which moves the states too. The continuity of windows, which allows for an error of the law, is no
+reading: it constrains the states but adds no noise. A residual larger than noise counts as noise,
+but the band contains neither the error of a wrong law nor that of another minimum of the fit, such
+as planets in another order.
 C. D. Rodgers, Inverse Methods for Atmospheric Sounding (World Scientific, 2000), ch. 3: errors of
 a retrieval by noise and by parameters of its model.
 """
@@ -44,7 +44,7 @@ from herringbone_sim.gap.observations.window_channels import WindowChannels, win
 from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
 from herringbone_sim.gap.observations.windows import Windows
 
-# Prior of the start of the first window over the RMS of the motion, as in the filter of
+# Prior deviation of the first window's start state over the RMS of the motion, as in the filter of
 # ``window_starts``.
 FIRST_SD = 1.0
 
@@ -54,12 +54,12 @@ class ReconstructedForces:
     """Forces of all meshes at the n samples of the fitted windows of a run.
 
     Attributes:
-        run, role: of the run.
-        effects: of the explanation; empty for the calibrated gear.
+        run, role: name and role of the run.
+        effects: ids of the effects of the explanation; empty for the calibrated gear.
         meshes: names.
-        planets_alike: whether nothing tells one planet from another, so that all meshes of two
-            planets may be exchanged.
-        times: (n,) [s] of the recording.
+        planets_alike: whether neither model nor channels distinguish the planets, so that the
+            forces of two planets may be exchanged.
+        times: (n,) [s] since the first sample of the recording.
         phase: (n,) mesh phase [rad].
         force: (n, n_mesh) [N], expectation of the law over the states.
         half: (n, n_mesh) half-width of the 90 % band [N].
@@ -81,13 +81,14 @@ class ReconstructedForces:
 def reconstructed_forces(
     machine: GearMachine, run: PreparedRun, fit: FittedExplanation, noise: float = 1.0
 ) -> ReconstructedForces:
-    """Forces of all meshes of a run under an explanation.
+    """Reconstruct the forces of all meshes of a run under an explanation.
 
     Args:
         machine: whose gear uses windows.
         run: of the same rig, with the same channels.
-        fit: of the explanation, to the fit runs.
-        noise: actual over assumed noise of the channels; what the run shows if that is more.
+        fit: explanation fitted to the fit runs.
+        noise: actual over assumed noise of the channels; that of the residual of the run is used
+            if it is larger.
     """
     there, hypotheses = machine.for_runs([run]).transferred(fit.hypotheses)
     every = (*there.base, *(c for h in hypotheses for c in h.coefficients))
@@ -146,8 +147,8 @@ def forces_of_run(
     A run is suitable if windows are fitted to it, of the same channels as in the fit runs.
 
     Args:
-        machine: of any runs of the rig; windows that it has fitted are taken over.
-        runs: those to choose from.
+        machine: of any runs of the rig; windows that it has fitted are reused.
+        runs: to choose from.
         fit: explanation fitted to the fit runs.
         noise: (fit runs, 1) or one number, actual over assumed noise of the channels; the RMS is
             used.
@@ -170,7 +171,7 @@ class StateErrors(NamedTuple):
     Attributes:
         by_noise: (n, 18, 18) covariance by the noise of the channels.
         by_coefficients: (n, 18, q) by a unit of each independent error of the coefficients.
-        shift: (n, 18) of the states by errors of the encoders, as estimated.
+        shift: (n, 18) correction of the states for the estimated errors of the encoders.
     """
 
     by_noise: Array
@@ -181,7 +182,7 @@ class StateErrors(NamedTuple):
 def _state_errors(
     own: Trajectory, gear: Gear, block: Block, coefficients: Array, noise: float
 ) -> StateErrors:
-    """Errors of the states as fitted, with the errors of the encoders estimated beside them.
+    """Errors of the fitted states, with encoder errors estimated together with the states.
 
     Args:
         block: of the windows.
@@ -218,7 +219,7 @@ def _state_errors(
 
 
 def _weights(coefficients: Sequence[Coefficient], functions: Sequence[str]) -> Array:
-    """(Q, p) amplitude of each function of the windows by a unit of each coefficient."""
+    """Amplitudes (Q, p) of the functions of the windows by a unit of each coefficient."""
     place = {name: i for i, name in enumerate(functions)}
     found = np.zeros((len(functions), len(coefficients)))
     for i, c in enumerate(coefficients):
@@ -237,7 +238,7 @@ def _responses_of_states(
 ) -> Array:
     """Response (W, samples, 18, Q) of the states to functions, from given start states.
 
-    That of windows whose channels are the states.
+    Computed as the response of windows whose channels are the states.
 
     Args:
         at: motion of the meshes at every step, and the force law there.
@@ -263,7 +264,7 @@ def _responses_of_states(
 def _direct(
     functions: Sequence[Function], m: MeshMotion, now: Law, wanted: Sequence[str]
 ) -> Array:
-    """(n, n_mesh, Q) change of the mesh forces by functions where the states stay as they are."""
+    """Change (n, n_mesh, Q) of the mesh forces by unit amplitudes of functions, states fixed."""
     place = {name: i for i, name in enumerate(wanted)}
     found = np.zeros((*m.x.shape, len(wanted)))
     for f in functions:
@@ -276,7 +277,7 @@ def _direct(
 
 
 def _at_steps(values: Array, each: int) -> Array:
-    """Values (n, k) at samples, held over the steps (n each + 1, k)."""
+    """Repeat values (n, k) of samples for their ``each`` steps, and the last: (n each + 1, k)."""
     return np.vstack([np.repeat(values, each, axis=0), values[-1:]])
 
 

@@ -1,4 +1,4 @@
-"""The runs of a gear and what their channels determine, whatever the law."""
+"""The runs of a gear and what their channels determine, for any force law."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from herringbone_sim.gap.sensors.swaps import find_swap
 
 
 class RecordedGear:
-    """Runs of a gear.
+    """Runs of a gear, and the observations that their channels allow.
 
     Args:
         runs: of one rig.
         drift: RMS of drift and hum over that of the noise.
-        stride: samples between comparisons of the force law.
+        stride: the force law is compared at every ``stride``-th sample.
         swap: motion channels that may have been swapped; None: searched for.
         gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
 
     Attributes:
         modelled: (n_mesh,) meshes whose force is not recorded in all runs and comes from the law.
         force_known: (n_mesh,) meshes whose force is recorded in at least one run.
-        windows: most windows of a run.
+        windows: most windows that are fitted to a run.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class RecordedGear:
         self._formed: dict[int, Trajectory] = {}  # of which the latest block of a run was formed
 
     def take_observations(self, other: RecordedGear) -> None:
-        """Form the observations of another gear of the rig: what is fitted to it holds here.
+        """Form the observations of another gear of the rig, so that what is fitted to it applies.
 
         A run that lacks a channel for one of them has no block of it.
         """
@@ -93,15 +93,15 @@ class RecordedGear:
 
     @cached_property
     def means_known(self) -> bool:
-        """Whether no rotation lacks its mean; else rotations serve the windows alone."""
+        """Whether all recorded rotations contain their mean; if not, only windows are fitted."""
         return all(g.run.means_known for g in self.runs)
 
     @cached_property
     def has_balance(self) -> bool:
-        """Whether rates of all coordinates are known in all runs.
+        """Whether the balance is formed: rates of all coordinates are known in all runs.
 
-        Where rotations alone are recorded, their slopes are no rates: differences make noise of
-        them, which windows of the motion do without.
+        Not where rotations alone are recorded: their differences are mostly noise, and windows
+        need none.
         """
         rotations = all(g.run.rotations_alone for g in self.runs)
         return (
@@ -112,7 +112,7 @@ class RecordedGear:
 
     @cached_property
     def has_force_law(self) -> bool:
-        """Whether force and displacement are known of at least one mesh."""
+        """Whether force and displacement of at least one mesh are known in all runs."""
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         there = (~self.modelled & np.logical_and.reduce(known)).any()
         return bool(self.means_known and there)
@@ -125,12 +125,12 @@ class RecordedGear:
 
     @cached_property
     def followed_channels(self) -> WindowChannels:
-        """Channels of the first run to which windows are fitted."""
+        """Channels to which windows are fitted, as recorded in the first run."""
         return window_channels(self.runs[0].run)
 
     @property
     def gauges(self) -> tuple[str, ...]:
-        """Names of force channels to which windows are fitted."""
+        """Names of force channels to which windows are fitted; empty without windows."""
         return self.followed_channels.gauges if self.uses_windows else ()
 
     def trajectory_of(self, r: int) -> Trajectory:
@@ -163,7 +163,7 @@ class RecordedGear:
 
     @cached_property
     def rms_by_quantity(self) -> dict[str, float]:
-        """RMS of all channels over all runs, by quantity that is recorded: x, v, u, F and pin."""
+        """RMS over all channels and runs of each recorded quantity: x, v, u, F and pin."""
         found = {}
         for q in ("x", "v", "u", "F", "pin"):
             every: list[Measured] = [getattr(g.run, q) for g in self.runs]
@@ -174,7 +174,7 @@ class RecordedGear:
 
     @cached_property
     def recorded_motion(self) -> NDArray[np.bool_]:
-        """Channels x, v and u that are recorded in at least one run."""
+        """Mask (J,) of the channels x, v and u that are recorded in at least one run."""
         recorded = [(g.run.x.recorded, g.run.v.recorded, g.run.u.recorded) for g in self.runs]
         return np.asarray(np.logical_or.reduce([np.concatenate(one) for one in recorded]))
 
@@ -189,7 +189,7 @@ class RecordedGear:
 
     @cached_property
     def relations(self) -> list[Block | None]:
-        """Consistency of every run as recorded."""
+        """Consistency block of every run as recorded; None for a run without rows."""
         n = self.n_relations
         return [consistency.block(g.run, g.fused, self.drift, self.swap, n) for g in self.runs]
 
@@ -205,11 +205,11 @@ class RecordedGear:
 
     @cached_property
     def number_of(self) -> dict[str, int]:
-        """Number of each run, by name."""
+        """Index of each run, by name."""
         return {g.motion.name: r for r, g in enumerate(self.runs)}
 
     def corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
-        """Run r with errors of motion sensors removed; ``errors``: amplitudes by column."""
+        """Run r with errors of motion sensors removed; ``errors``: (runs, rows) by function."""
         g, run = self.runs[r], self.runs[r].run
         for name, a in errors.items():
             value = float(a[r][0])

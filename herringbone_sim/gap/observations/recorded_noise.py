@@ -1,7 +1,7 @@
 """Noise of every channel for the report: RMS, colour, mains lines, resolution, delay.
 
-Estimated from the residual of fusion (x, v) and of the force law (F), which is noise unless
-something is wrong.
+Colour and mains lines are those of the residual of fusion (x, v) and of the force law (F), which
+is noise unless something is wrong.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from herringbone_sim.gap.observations.runs import GearRun
 
 MAINS_HZ = (50.0, 100.0, 150.0)
 SLOW_HZ = 150.0  # drift and hum lie below: third harmonic of the mains
-EXCESS = 4.0  # power over the mean of the spectrum; white noise exceeds it at 1 of 50 lines
+EXCESS = 4.0  # power of a line over that of white noise, which exceeds it at 1 of 50 lines
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ChannelNoise:
         lines_hz: mains lines that stand out [Hz].
         step: resolution in the unit of the channel.
         delay_s: common delay of the runs [s].
-        told: RMS that the campaign gives; None where it gives none.
+        told: RMS if the campaign gives it; None if it is estimated.
     """
 
     rms: float
@@ -47,7 +47,7 @@ class ChannelNoise:
 
 
 def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, ChannelNoise]:
-    """Noise by channel.
+    """Return the noise of every recorded channel, by channel name.
 
     Args:
         runs: fit runs.
@@ -113,7 +113,7 @@ def _residual(g: GearRun, quantity: str, j: int) -> Array | None:
 
     Returns:
         (n,) in the unit of the channel. None for ``u``, ``a`` and ``pin``, where a value is not
-        known, and where all are exactly 0, as of a channel that is taken over as its own estimate.
+        known, and where all are exactly 0, as where the fused motion is the channel itself.
     """
     run = g.run
     if quantity == "x":
@@ -128,7 +128,7 @@ def _residual(g: GearRun, quantity: str, j: int) -> Array | None:
 
 
 def _spectral_excess(values: Array, run: PreparedRun) -> tuple[float, list[float]]:
-    """Power of drift, and at each mains line, over the mean of the spectrum."""
+    """Power of drift, and at ``MAINS_HZ``, over that of noise; 1 and 0 if not resolved."""
     centred = (values - values.mean()) * np.hanning(len(values))
     power = np.abs(np.fft.rfft(centred)) ** 2
     hz = np.fft.rfftfreq(len(values), run.step_s)

@@ -27,10 +27,10 @@ DRIFTING = ("kappa", "gamma", "b_plus", "b_minus")  # of these, those that may c
 
 
 def about_meshes(m: MeshMotion, cycles: Sequence[float], block: Block) -> RegressionInputs:
-    """Inputs of the force law; factors: force, spring force, damper force, displacement.
+    """Inputs of the force law; factors: constant, spring force, damper force, contact stiffness.
 
     Args:
-        cycles: mesh cycles of the periods whose angles are inputs.
+        cycles: periods [mesh cycles] whose angles are inputs.
     """
     now = law(m)
     acts = (
@@ -49,7 +49,7 @@ def about_rows(
     """Inputs of other observations; factor: a constant.
 
     Args:
-        own: (n, R) each: signal of every row and its rate.
+        own: (n, R) each: signal of every row and its rate, at all samples.
     """
     return _about(m, own, cycles, np.ones((*block.residual.shape, 1)), block)
 
@@ -62,13 +62,13 @@ def about_windows(
 ) -> Array:
     """Responses (rows, inputs) of windows to ``GENERIC_FUNCTIONS`` at every mesh.
 
-    Those to ``DRIFTING`` also in proportion to the time since the middle of the run: windows are
-    short against it, so their responses are those of constant laws times it.
+    Those to ``DRIFTING`` follow once more, times the time since the middle of the run: windows are
+    short against the run, so an amplitude that varies in time is nearly constant in each.
 
     Args:
-        responses: of windows to functions, in columns of the names given.
+        responses: (functions, names of columns) -> responses (rows, columns).
         functions: of the force law.
-        cycles: mesh cycles since the start of the run, at least of every response.
+        cycles: mesh cycles since the start of the run, of all rows at least.
     """
     some = [f for f in functions if f.name in GENERIC_FUNCTIONS]
     wanted = [f"{f.name} of {j}" for f in some for j in range(n_mesh)]
@@ -81,7 +81,7 @@ def about_windows(
 def _about(
     m: MeshMotion, own: Sequence[Array], cycles: Sequence[float], factors: Array, block: Block
 ) -> RegressionInputs:
-    """Add low-passed signals, operating point, time, and angles of periods of ``cycles``."""
+    """Inputs: signals ``own``, operating point, time, low-passed signals; angles of ``cycles``."""
     step = float(m.times[1] - m.times[0])
     known = [np.nan_to_num(q) for q in own]
     late = [_low_passed(q, c * 2.0 * np.pi / m.omega / step) for q in known for c in MEMORIES]

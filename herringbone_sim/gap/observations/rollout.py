@@ -71,9 +71,9 @@ def integrate_windows(
 def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ignore[no-untyped-def]
     """Write states and tangents; the tangent is the exact derivative of the Runge-Kutta step.
 
-    With J = [0 I; A] the derivative of the slopes at a stage and S that of its state by the start
-    of the step, that of the stage's slopes is J S. The upper half of J S is the lower one of S, so
-    products of the lower half ``A`` alone are formed: ``bent`` at each stage.
+    At a stage, let J = [0 I; A] be the derivative of the slopes by the state and S that of the
+    state by the start of the step. The slopes then depend on the start by J S, whose upper half is
+    the lower half of S; only its lower half A S is computed: ``bent``.
     """
     G, inverse, tau, k, c, offset, rate, plus, minus, more = forcing
     meshes = len(G)
@@ -94,7 +94,7 @@ def _integrate(starts, first, h, forcing, moved, states, tangents):  # type: ign
     for w in range(len(starts)):
         y[:] = starts[w]
         states[w, 0] = y
-        slopes[0] = 0.0  # remains of a diverged window
+        slopes[0] = 0.0  # else infinite remains of a diverged window enter
         for q in range(tangents.shape[1]):
             for s in range(4):
                 j = first[w] + 2 * q + (0 if s == 0 else (2 if s == 3 else 1))

@@ -1,4 +1,4 @@
-"""A prepared run with the mesh motions that observations are formed of."""
+"""A prepared run with the mesh motions from which observations are formed."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, A
 
 
 def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Fill in missing rates by differentiating displacements."""
+    """Fill in missing rates by differentiating displacements, unless the run is too short."""
     if len(run) < max(n for n, _ in SLOPE_FILTERS) or np.isfinite(fused.v).all():
         return fused
 

@@ -25,17 +25,18 @@ from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, sel
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
 
-# Grids of stiffness and clearance, chosen; fits reach 1.5 decades beyond (``seats``).
+# Grids of stiffness and clearance, chosen; later fits may depart from a point by 1.5 decades, see
+# ``seats.MAX_LOG_OFFSET``.
 RING_N_PER_M = np.geomspace(3e8, 3e11, 13)
 SEATS_N_PER_M = np.geomspace(1e10, 1e12, 3)
 CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
 RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalogue
-# Rounding of the ends over the clearance, chosen; a soft seat is nearly linear.
+# Values of ``softness`` (see ``Seat``), chosen; a soft seat is nearly linear.
 HARD_END, SOFT_END = 0.05, 0.5
-START_GROWTH = 0.3  # start of growth and drag, chosen
+START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen
 MAX_TRIALS = 40  # evaluations of the local search, chosen for run time
 
-Grid = list[tuple[float, ...]]
+Grid = list[tuple[float, ...]]  # values of ``Seat.theta``
 GRIDS: tuple[tuple[str, Grid], ...] = (
     (
         "ring_flexibility",
@@ -57,11 +58,14 @@ GRIDS: tuple[tuple[str, Grid], ...] = (
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """Best moving part of each grid; none where motion between samples is unknown.
+    """Return the moving part of each of ``GRIDS`` that removes most chi2 from a gear's runs.
 
     Args:
-        amplitudes: of the current fit.
+        amplitudes: of the functions in the current fit.
         known: the current fit.
+
+    Returns:
+        One part a grid, see ``best_seats``; empty where motion between samples is unknown.
     """
     if any(g.dense is None for g in gear.runs):
         return []
@@ -69,10 +73,11 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 def best_seats(trial: PartTrial) -> list[Seat]:
-    """Part of each grid that removes most chi2.
+    """Return the moving part of each of ``GRIDS`` that removes most chi2, as evaluated by a trial.
 
-    The grid is evaluated at the largest places (all sides), then the best point at each place
-    inside the best one. The best part of all is refined by local search.
+    All points of a grid are tried at the places with most meshes (both sides of the gear), then
+    the best point at every place inside the best of these. The best part of all grids is refined
+    by a local search.
     """
     layout = trial.gear.model.layout
     found = []
@@ -90,21 +95,23 @@ def best_seats(trial: PartTrial) -> list[Seat]:
     return [trial.refined(seat) if seat is first else seat for seat in found]
 
 
-# Observation, row, whitened residuals without and with a part, (n,) each, and (n,) factor that
-# rescales whitened columns to the noise of these residuals.
+# Observation, number of the row, whitened residuals (n,) without and with a moving part, and
+# factors (n,) that rescale whitened columns of the block to the noise of these residuals.
 RowChange = tuple[str, int, Array, Array, Array]
 
 
 @dataclass(frozen=True)
 class TrialRun:
-    """A run under the current fit, without the part.
+    """Motion of a run and change of its force law in the current fit, without a moving part.
 
     Attributes:
-        number: of the run.
-        strided, dense: motion at the samples of the force law, and between samples.
-        change, between: change of the law at both.
-        sample_index: indices of the samples of ``strided`` in ``dense``.
-        blocks: by observation, with the columns of the current fit.
+        number: number of the run in ``Gear.runs``.
+        strided: motion at the samples at which forces are compared.
+        change: change of the law at ``strided``.
+        dense: motion at finer equal steps, on which a moving part is integrated.
+        between: change of the law at ``dense``.
+        sample_index: index in ``dense`` of each sample of ``strided``.
+        blocks: by observation, about the current fit, with columns of its functions.
     """
 
     number: int
@@ -116,15 +123,16 @@ class TrialRun:
     blocks: Mapping[str, Block]
 
 
-EVERY = 2  # runs between two that a trial looks at; chosen for run time
+EVERY = 2  # trials use every second run; chosen for run time
 
 
 class PartTrial:
-    """Evaluates the chi2 that a moving part removes when all other coefficients are refitted.
+    """Evaluation of the chi2 that a moving part removes from every second run of a gear.
+
+    The coefficients of the current fit are refitted linearly with each part.
 
     Args:
-        gear: with its runs.
-        amplitudes: of the current fit.
+        amplitudes: of the functions in the current fit.
         known: the current fit.
     """
 
@@ -145,7 +153,7 @@ class PartTrial:
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def _observations(self) -> list[str]:
-        """Names of the observations that are evaluated."""
+        """Names of the observations to which the coefficients are refitted."""
         gear = self.gear
         formed = {
             force_law.NAME: gear.has_force_law,
@@ -155,7 +163,7 @@ class PartTrial:
         return [name for name, there in formed.items() if there]
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
-        """Run r with the change of its law under the current fit."""
+        """Motion of run r and change of its law in the current fit."""
         some, dense = self.gear.runs[r].strided, self.gear.runs[r].dense
         assert dense is not None
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
@@ -164,11 +172,11 @@ class PartTrial:
         return TrialRun(r, some, changes[0], dense, changes[1], at.astype(int), blocks)
 
     def gain(self, seat: Seat) -> float:
-        """Chi2 that a part removes from the runs used."""
+        """Chi2, with the prior, that a part removes from the runs used; coefficients refitted."""
         return self._gain_and_refit(seat)[0]
 
     def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
-        """Chi2 removed, and refitted coefficients (p,) of the current fit less centres."""
+        """``gain`` of a part, and the refitted coefficients minus their prior means (p,)."""
         fall, b = 0.0, np.zeros(len(self._known))
         for run in self._runs:
             for o, row, before, after, weight in self._rows(run, seat):
@@ -182,15 +190,14 @@ class PartTrial:
         return fall, followed
 
     def best(self, seats: Sequence[Seat]) -> Seat:
-        """The part that removes most."""
+        """Seat with the largest ``gain``; all are evaluated in parallel."""
         return seats[int(np.argmax(parallel_map(self.gain, seats)))]
 
     def evaluated(self, seat: Seat) -> Seat:
-        """Copy with ``load``, ``measured_gain`` and ``base_mean`` as found in this trial.
+        """Copy of a seat with ``load``, ``measured_gain`` and ``base_mean`` set.
 
-        ``load`` is the largest over the runs looked at. ``measured_gain`` is the fall of the sum
-        of squares of the whitened residuals (with the prior) as all other coefficients are
-        refitted, scaled from the runs looked at to all; ``base_mean`` are those coefficients.
+        ``load`` is the largest over the runs used, ``measured_gain`` the ``gain`` at this load,
+        scaled to all runs, and ``base_mean`` the refitted coefficients of the current fit.
         """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
@@ -199,7 +206,7 @@ class PartTrial:
         return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
     def refined(self, seat: Seat) -> Seat:
-        """Improve the parameters of a part by a Nelder-Mead search from the grid point."""
+        """Improve the parameters by a Nelder-Mead search over their logarithms; evaluated copy."""
         n = len(seat.names)
         found = minimize(
             lambda offsets: -self.gain(seat.with_log_offsets(offsets)),
@@ -213,7 +220,7 @@ class PartTrial:
         return self.evaluated(seat.with_log_offsets(found.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
-        """Drive of the place of a part in a run, computed once."""
+        """Meshes and forces that drive the part in a run, cached by locus and run."""
         key = seat.locus, run.number
         if key not in self._drives:
             self._drives[key] = PartDrive(
@@ -222,7 +229,7 @@ class PartTrial:
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """Rows of force law and balance that a part changes, without and with it."""
+        """Yield rows of force law and balance that a part changes, without and with the part."""
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = select_meshes(run.strided, run.change, at)
@@ -248,7 +255,7 @@ class PartTrial:
     def _balance_rows(
         self, run: TrialRun, block: Block, more: Array, at: NDArray[np.int64]
     ) -> Iterator[RowChange]:
-        """Rows of the balance with additional force ``more`` (n, k) [N] on meshes ``at``."""
+        """Yield rows of the balance without and with forces ``more`` (n, k) [N] on meshes."""
         g = self.gear.runs[run.number]
         look = window_of(g.run, self.gear.window_cycles)
         whole = np.arange(len(g.motion.times))
@@ -263,7 +270,7 @@ class PartTrial:
             yield balance.NAME, row, without, left, np.ones(len(left))
 
     def _base_columns(self, run: TrialRun, o: str, row: int) -> Array:
-        """(n, p) whitened columns of the coefficients of the current fit in a row."""
+        """(n, p) whitened columns of the coefficients of the current fit in one row, cached."""
         key = run.number, o, row
         if key not in self._columns:
             block = run.blocks[o]

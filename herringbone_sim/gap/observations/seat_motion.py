@@ -1,7 +1,7 @@
 """Integrate the motion of a part on a spring seat, driven by the meshes that it carries; compiled.
 
-Mesh displacements are measured as if the part were rigid; its own displacement q is not measured
-and reduces them, so the force law of the meshes is part of its equation of motion.
+Mesh displacements x are recorded as if the part were rigid. Its displacement q is not recorded and
+reduces them to x - q cos beta, so the mesh forces in its equation of motion depend on q.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from numba import njit
 from herringbone_sim.arrays import Array
 
 MAX_STEP_RAD = 1.25  # phase of the fastest oscillation per step; stability limit 2.8; chosen
-MAX_SUBSTEPS = 40  # steps per sample, limit of run time
-MAX_EXPONENT = 300.0  # e^300 and its reciprocal are still numbers
+MAX_SUBSTEPS = 40  # largest number of steps per sample, chosen for run time
+MAX_EXPONENT = 300.0  # neither e^300 nor its reciprocal leaves the range of numbers
 DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
 
 
 class MeshLoads(NamedTuple):
-    """Meshes that drive a part, of one run at equal steps; arrays (n, j).
+    """Motion and force law of the j meshes that drive a part, at n equal steps; arrays (n, j).
 
     Attributes:
         x, v: displacement [m] and rate [m/s] as if the part were rigid.
         k, c: stiffness [N/m] and damping [N s/m].
         plus, minus: half-backlash on both flanks [m].
         extra_force: force independent of the motion [N].
-        noise: (j,) noise of x [m].
+        noise: (j,) standard deviation of the noise of x [m].
         rest: (n,) force [N] on the body that carries the part, without that of the seat.
-        step: [s].
+        step: time between samples [s].
     """
 
     x: Array
@@ -58,7 +58,7 @@ class SeatSpring(NamedTuple):
         width: rounding of the ends of the play [m].
         growth: relative increase of the stiffness with the squared deflection [1/m^2].
         drag: relative increase of the damping with the rate [s/m].
-        farthest, fastest: deflection [m] and rate [m/s] for which the step is chosen.
+        farthest, fastest: deflection [m] and rate [m/s] for which the time step is chosen.
     """
 
     mass: float
@@ -76,8 +76,10 @@ class SeatSpring(NamedTuple):
 def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -> Array:
     """Displacement [m] and rate [m/s] (L, n, 2) of a part on each of L seats.
 
-    M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H, by
-    Runge-Kutta 4, from rest in equilibrium. Seats share the steps, those of the stiffest.
+    M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H and
+    mass M_u of the carrying body, by Runge-Kutta 4, starting at rest in the equilibrium of the
+    first sample. All seats use the time step that the stiffest needs. A motion beyond
+    ``DIVERGED_M`` is reset to zero.
     """
     k = float(np.max(meshes.k.sum(axis=1)))
     parts = max(_steps_per_sample(spring, k, cos_beta, meshes.step) for spring in springs)
@@ -88,7 +90,7 @@ def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -
 
 
 def _steps_per_sample(spring: SeatSpring, k: float, cos_beta: float, step_s: float) -> int:
-    """Steps per sample for a seat under meshes of a total stiffness k [N/m]."""
+    """Time steps per sample for a seat loaded by meshes of total stiffness k [N/m]."""
     stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2) + cos_beta**2 * k
     damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
@@ -105,7 +107,7 @@ def _rounding(z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
-    """Force of the seat [N] at displacement q [m] and rate [m/s]; p as ``SeatSpring``."""
+    """Force of the seat [N] at displacement q [m] and rate [m/s]; p: fields of ``SeatSpring``."""
     stiffness, damping, play, width, growth, drag = p[2], p[3], p[4], p[5], p[6], p[7]
     if width * MAX_EXPONENT > max(play, abs(q)):
         # width [ln(1 + e^a) - ln(1 + e^b)], a and b = (+-q - play) / width
@@ -119,8 +121,8 @@ def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
-    """Set x, v, k (j,) to those at the fraction s between samples ``at`` and ``at`` + 1; return
-    the force on the body that carries the part.
+    """Interpolate x, v and k (j,), in place, at the fraction s between samples ``at`` and
+    ``at`` + 1; return ``MeshLoads.rest`` there [N].
     """
     to = min(at + 1, m.x.shape[0] - 1)
     for j in range(m.x.shape[1]):
@@ -132,7 +134,10 @@ def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignore[no-untyped-def]
-    """Write accelerations [m/s^2] (L,) at displacements q (L,) and rates, placed by ``_place``."""
+    """Write to ``out`` (L,) the accelerations [m/s^2] of a part on L seats at q, ``rate`` (L,).
+
+    x, v, k and ``rest`` are those of ``_place``; other terms are those of sample ``at``.
+    """
     L = len(q)
     out[:] = 0.0
     for j in range(len(x)):
@@ -157,10 +162,10 @@ def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignor
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
-    """(L, n, 2) displacement and rate on seats p (L, fields of ``SeatSpring``).
+    """Displacement and rate (L, n, 2) on seats p (L, fields of ``SeatSpring``), see ``motions``.
 
     Args:
-        parts: steps per sample.
+        parts: time steps per sample.
     """
     n, L = m.x.shape[0], p.shape[0]
     found = np.empty((L, n, 2))

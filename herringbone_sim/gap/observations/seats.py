@@ -1,7 +1,7 @@
 """Moving parts as hypotheses: a ring on a spring, a loose pin in its bore.
 
-Their displacement follows from the recorded motion by their own equation of motion, see
-``seat_motion``; the logarithms of its parameters are coefficients, relative to a point of a grid.
+The displacement of such a part follows from the recorded motion by the equation of motion in
+``seat_motion``. Coefficients are the logarithms of its parameters, relative to a point of a grid.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from herringbone_sim.gap.observations.law import (
 )
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
 
-# Range of a parameter's logarithm about the grid, 1.5 decades; chosen.
+# Range of a parameter's logarithm about its value in the grid, 1.5 decades; chosen.
 MAX_LOG_OFFSET = np.log(30.0)
-PRIOR_LOG_SD = 1.0  # prior of a parameter's logarithm about the grid; chosen
-PRESENCE_SD = 1e-9  # prior of the amplitude about 1: practically fixed
+PRIOR_LOG_SD = 1.0  # prior standard deviation of that logarithm; chosen
+PRESENCE_SD = 1e-9  # prior standard deviation of the amplitude about 1: practically fixed
 DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
 SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
@@ -43,15 +43,16 @@ SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Seat:
-    """A ring or pin on its seat.
+    """A moving part: a ring on springs, or a planet pin in a bore with clearance.
 
     Attributes:
         effect, locus: as in the catalogue.
-        theta: parameters in the order of ``SEAT_PARAMETERS``: stiffness [N/m], damping ratio,
-            clearance [m], growth of the stiffness at the deflection by ``load``, drag at its rate,
-            softness over the clearance.
-        load: largest force on it if it were rigid [N].
-        measured_gain: sum of squares of the whitened residuals that it removes.
+        theta: values of ``names``: stiffness [N/m], damping ratio, clearance [m]; softness, the
+            rounding of the ends of the clearance over the clearance; growth, the relative increase
+            of the stiffness at the deflection ``load`` / stiffness; drag, that of the damping at
+            omega_n times this deflection.
+        load: largest force on the part if it were rigid [N]; a guess before evaluation.
+        measured_gain: chi2 that the part removes; 0 before evaluation.
         base_mean: values of all other coefficients at ``measured_gain``.
     """
 
@@ -64,18 +65,22 @@ class Seat:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its parameters."""
+        """Names of the parameters, in the order of ``theta``."""
         return SEAT_PARAMETERS[self.effect]
 
     def with_log_offsets(self, offsets: Array) -> Seat:
-        """Copy with parameters times exp(offset), clipped to ``MAX_LOG_OFFSET``."""
+        """Copy with parameters times exp(offsets) (p,), offsets clipped to ``MAX_LOG_OFFSET``."""
         factors = np.exp(
             np.clip(offsets, -MAX_LOG_OFFSET - DIFFERENCE_STEP, MAX_LOG_OFFSET + DIFFERENCE_STEP)
         )
         return replace(self, theta=tuple((np.array(self.theta) * factors).tolist()))
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """Basis functions: displacement of its meshes, and derivatives by parameter logarithms."""
+        """Basis functions of the part, named by a label.
+
+        ``LABEL``: displacement of its meshes; ``LABEL PARAMETER``: derivative by the logarithm of
+        a parameter; for a pin ``LABEL carrier``: inertia force on the carrier.
+        """
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         names = (label, *(f"{label} {name}" for name in self.names))
         found = [replace(_displacement(name), meshes=at) for name in names]
@@ -84,7 +89,7 @@ class Seat:
         return tuple(found)
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
-        """Hypothesis with a fixed amplitude and the logarithms of its parameters."""
+        """Hypothesis of this part: amplitude fixed at 1, and logarithms of its parameters."""
         model = builder.gear.model
         mask = self.locus.mask(model.layout)
         weights: Weights = {label: mask}
@@ -122,7 +127,7 @@ class Seat:
         offsets: Array,
         slopes: bool,
     ) -> Displacements:
-        """Displacements of the meshes by its functions; see ``changes.MovingPart``."""
+        """Displacements of the meshes, by name of function; see ``changes.MovingPart``."""
         drive = PartDrive(model, self.locus, self.effect, m, change)
         names = self.names if slopes else ()
         tried = [offsets, *(offsets + DIFFERENCE_STEP * np.eye(len(offsets))[: len(names)])]
@@ -135,7 +140,7 @@ class Seat:
 
 
 def _displacement(name: str) -> Function:
-    """Function that returns a displacement already computed for the law."""
+    """Basis function that looks up its displacement and rate in ``Law.displacements``."""
     return Function(
         name,
         "d",
@@ -145,7 +150,7 @@ def _displacement(name: str) -> Function:
 
 
 def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
-    """Inertia force of a pin on the carrier, -m w'' [N]."""
+    """Basis function of a pin: its inertia force on the carrier, -m w'' [N]."""
     at, mass = pin_meshes(model, seat.locus)
 
     def values(m: MeshMotion, law: Law) -> Array:
@@ -156,7 +161,7 @@ def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
 
 
 def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:
-    """Meshes of a pin, and its mass [kg]: half of the pin if only one side is loose."""
+    """Numbers of a pin's meshes, and moving mass [kg]: half the pin if only one side is loose."""
     at = np.flatnonzero(locus.mask(model.layout)).tolist()
     return at, model.parameters.m_p * len(at) / 4.0
 
@@ -164,9 +169,13 @@ def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:
 class PartDrive:
     """Meshes and forces that drive a part in one run.
 
+    Args:
+        m: motion at equal, fine steps.
+        change: change of the law by everything but the part.
+
     Attributes:
-        share: (k, n_mesh) 1 for the meshes of each of its k coordinates: ring sides, or one pin.
-        load: largest force on it if it were rigid [N].
+        share: (k, n_mesh) 1 for the meshes of each of k coordinates (ring halves, or one pin).
+        load: largest force on the part if it were rigid [N].
     """
 
     def __init__(
@@ -193,12 +202,12 @@ class PartDrive:
         self._meshes = [_mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.share]
 
     def motions(self, seats: Sequence[Seat]) -> Array:
-        """Displacement [m] and rate [m/s] (L, n, k, 2) of the coordinates of a part on L seats."""
+        """Displacement [m] and rate [m/s] (L, n, k, 2) of the k coordinates on each of L seats."""
         springs, cos_beta = [self._spring(seat) for seat in seats], self._model.scales.cos_beta
         return np.stack([motions(one, springs, cos_beta) for one in self._meshes], axis=2)
 
     def _spring(self, seat: Seat) -> SeatSpring:
-        """Mass of the part, and properties of its seat [SI]."""
+        """Mass of the part, and properties of a seat in SI units."""
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
@@ -218,7 +227,7 @@ class PartDrive:
 
 
 def _mesh_loads(m: MeshMotion, change: LawChange, at: NDArray[np.int64], rest: Array) -> MeshLoads:
-    """Meshes ``at`` under a change of the law, with force ``rest`` (n,) on the carrier."""
+    """Loads by meshes ``at`` under a change of the law; ``rest``: as in ``MeshLoads``."""
     own, ch = select_meshes(m, change, at)
 
     def wide(value: Array | float) -> Array:

@@ -1,4 +1,4 @@
-"""Hypotheses: errors of force sensors, of motion sensors, and of channels fitted by windows."""
+"""Hypotheses of sensor errors: forces, motion, and channels to which windows are fitted."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.residuals.balance import inertia_parts
 from herringbone_sim.gap.sensors.groups import groups_of
 
-GAIN = 0.05  # moderate error of a gain; a moderate bias is this share of the RMS; chosen
+GAIN = 0.05  # moderate error of a gain, and moderate bias over the RMS; chosen
 LARGEST_GAIN = 0.95  # a gain keeps its sign
-# Largest departure from 1 of an exchange, which is present or absent: a share of it would average
-# the noise of both channels where they move alike.
+# Largest departure of the amplitude of a swap from 1. A swap is present or absent: a fractional
+# amplitude would average the noise of two channels that move alike.
 EXCHANGE_TOLERANCE = 1e-3
 
 
 def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay, clock and swap of force channels; opposite signs in law and balance.
+    """Yield hypotheses of gain, bias, delay, clock and swap of force channels.
 
-    A balance that takes the force of a mesh from the law does not see its sensor.
+    Errors have opposite signs in force law and balance, and do not act in the balance on meshes
+    whose force comes from the law.
     """
     gear = builder.gear
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
@@ -64,7 +65,10 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay, clock and swap of x, v and u, screened by their consistency alone."""
+    """Yield hypotheses of gain, bias, delay and clock of groups of x, v and u, and of a swap.
+
+    Columns are in the consistency observation alone; none are yielded where it has no rows.
+    """
     gear = builder.gear
     if not gear.n_relations:
         return
@@ -95,10 +99,10 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
-    """Gain, bias, delay, clock and swap of the channels to which windows are fitted.
+    """Yield hypotheses of errors of the channels to which windows are fitted.
 
-    No bias of channels that have no constant part anyway, as accelerometers. Channels of one
-    quantity, of all meshes and sides, one kind of mesh or one side, may have a clock of their own.
+    None without windows. Gain and delay of each channel; bias of those whose mean is recorded (not
+    of accelerometers); clock of channels that may share a recorder; swap of each pair of one kind.
     """
     gear = builder.gear
     if not gear.uses_windows:
@@ -133,7 +137,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
 
 
 def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
-    """Channels that may share a recorder, not all of them: of one quantity at a locus."""
+    """Locus and names of channels of one quantity that may have a common clock, but not of all."""
     found: dict[tuple[str, ...], Locus] = {}
     quantities = dict.fromkeys(name[0] for name in names)
     for quantity, mesh, side in product(quantities, ("all", *KINDS), ("all", *SIDES)):
@@ -159,7 +163,7 @@ def _side_of(channel: str) -> str:
     return next((side for side in SIDES if channel.endswith(f"_{side}")), "all")
 
 
-# Parameter of each effect in the catalogue.
+# Name of the parameter of each effect, as in the catalogue.
 PARAMETER_NAMES = {
     "sensor_gain": "gain",
     "sensor_bias": "bias",
@@ -170,5 +174,5 @@ MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
-    """Places at which force sensors may share an error."""
+    """Places at which force sensors may have a common error."""
     return known_effects()["sensor_gain"].candidates(layout)

@@ -1,4 +1,4 @@
-"""Fit the states of short windows of a run to its channels: multiple shooting.
+"""Fit the start states of short windows of a run to its channels: multiple shooting.
 
 Windows are short against the Lyapunov time, so chaos does no harm, and joined by a weak
 continuity constraint: jumps add to chi2 (H. G. Bock, Springer Series in Chemical Physics 18, 102
@@ -24,19 +24,19 @@ from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 MAX_ROUNDS = 25
-RELATIVE_TOLERANCE = 1e-3  # decrease of the chi2, as a share of it, that ends the fit
-# The same where the states themselves are wanted: hidden planets move on at nearly the same chi2.
+RELATIVE_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit ends
+# Tolerance where states are the result: those of unmeasured planets converge slower than chi2.
 FINE_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
 class WindowSolution:
-    """Windows integrated from given start states.
+    """W windows integrated from given start states, with their residuals and derivatives.
 
     Attributes:
-        starts: (W, 18) start states.
+        starts: (W, 18) start states [m], [m/s].
         states: (W, steps + 1, 18) states at every step.
-        tangents: (W, steps, 18, 18) tangents of every step.
+        tangents: (W, steps, 18, 18) derivative of the end of each step by its start.
         slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
         residuals: (W, samples, k) measured minus predicted, over the noise.
         jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
@@ -53,19 +53,20 @@ class WindowSolution:
 
     @property
     def states_of_all(self) -> Array:
-        """States (n, 18) at every step of the run, see ``steps_of_run``."""
+        """States (W steps + 1, 18) at every step of all windows, see ``steps_of_run``."""
         return steps_of_run(self.states)
 
     @property
     def cost(self) -> float:
-        """Chi2: sum of squared residuals and of jumps over ``JUMP_SD``."""
+        """Chi2: sum of squares of the residuals, and of the jumps over ``JUMP_SD``."""
         return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
 
 
 def symmetric_starts(s: Windows) -> Array:
-    """Start states (W, 18) from measured rotations, with all unmeasured planets alike.
+    """Start states (W, 18) from the motion of the shafts, with all unmeasured planets in step.
 
-    Their mean follows from suns and carrier, as the rigid momentum is known (``rigid_momentum``).
+    Rotations of planets follow from suns and carrier, as ``rigid_momentum`` is known. Rates are
+    derivatives of the rotations by a Savitzky-Golay filter.
     """
     M, run = 1.0 / s.inverse_masses, s.run
     n = s.n_windows * s.samples
@@ -84,7 +85,11 @@ def symmetric_starts(s: Windows) -> Array:
 def evaluated(
     s: Windows, starts: Array, forcing: Forcing, trends: Array | None = None
 ) -> WindowSolution:
-    """Integrate windows from start states (W, 18), with trends (m,); None: zero."""
+    """Integrate windows from start states (W, 18) and compare them with the readings.
+
+    Args:
+        trends: (m,) amplitudes of ``Windows.trends``; None: zero.
+    """
     amplitudes = np.zeros(len(s.trends.size)) if trends is None else trends
     states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
     seen, slope = s.channel_outputs(states, forcing)
@@ -97,11 +102,12 @@ def evaluated(
 def propagators(s: Windows, tangents: Array) -> Array:
     """Derivatives (W, samples + 1, 18, 18) of the states at samples by the start states.
 
-    Start states are in units of ``Windows.scale``, and so is the last sample, where windows meet.
+    The last is that of the end of the window. Start states and end are in units of
+    ``Windows.scale``, the states at all other samples in m and m/s.
 
     Args:
         s: the windows.
-        tangents: (W, steps, 18, 18) of single steps.
+        tangents: (W, steps, 18, 18) derivatives of single steps.
     """
     found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
     _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
@@ -111,7 +117,7 @@ def propagators(s: Windows, tangents: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
-    """Write products of tangents (W, steps, n, n) and ``start`` (n, n) at every sample."""
+    """Write products of step tangents and ``start`` to ``found``, one every ``each`` steps."""
     for w in range(len(tangents)):
         now = start.copy()
         found[w, 0] = now
@@ -122,14 +128,14 @@ def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
 
 
 def window_jacobian(s: Windows, solution: WindowSolution) -> WindowJacobian:
-    """Jacobian of predictions and jumps by scaled start states, over the noise."""
+    """Jacobian of predicted channels and jumps by scaled start states, over the noise."""
     T = propagators(s, solution.tangents)
     readings = (solution.slope @ T[:, :-1]).reshape(s.n_windows, -1, STATES)
     return WindowJacobian(readings, T[:-1, -1] / JUMP_SD, 1.0 / JUMP_SD)
 
 
 def stacked_residual(solution: WindowSolution) -> Array:
-    """Residuals (rows,) of channels and jumps, over the noise."""
+    """Residuals (rows,) of all channels, then minus the jumps, over the noise."""
     return np.concatenate([solution.residuals.ravel(), -solution.jumps.ravel() / JUMP_SD])
 
 
@@ -141,11 +147,20 @@ def fitted_windows(
     trends: Array | None = None,
     tolerance: float = RELATIVE_TOLERANCE,
 ) -> WindowSolution:
-    """Fit start states and trends by Levenberg-Marquardt, from ``trends`` (m,); None: zero."""
+    """Fit start states and trends of windows by Levenberg-Marquardt.
+
+    Args:
+        starts, trends: initial start states (W, 18) and amplitudes (m,); trends None: zero.
+        rounds: largest number of steps.
+        tolerance: relative decrease of chi2 in a step below which the fit ends.
+
+    Returns:
+        Windows of the last accepted step; the initial ones if their chi2 is not finite.
+    """
     solution, damping = evaluated(s, starts, forcing, trends), 1e-2
     cost = solution.cost
     of_trends = s.trend_rows()
-    for _ in range(rounds if np.isfinite(cost) else 0):  # else the start diverged
+    for _ in range(rounds if np.isfinite(cost) else 0):  # diverged windows are not fitted
         J = window_jacobian(s, solution)
         left = stacked_residual(solution)[:, None]
         right = J.transposed_times(np.hstack([left, of_trends]))
@@ -173,12 +188,13 @@ def fitted_windows(
 def _trend_step(
     s: Windows, rows: Array, left: Array, right: Array, found: Array, damping: float
 ) -> Array:
-    """Step (m,) of the trends, that of the states eliminated.
+    """Levenberg-Marquardt step (m,) of the trends, with the step of the states eliminated.
 
     Args:
         rows: (rows, m) of ``Windows.trend_rows``.
-        left: (rows, 1) residual.
-        right, found: (W, 18, 1 + m) J' times residual and rows, and the solution for them.
+        left: (rows, 1) of ``stacked_residual``.
+        right: (W, 18, 1 + m) J' times ``left`` and ``rows``, with the Jacobian J by the states.
+        found: (W, 18, 1 + m) solution of the damped normal equations of the states for ``right``.
     """
     m = len(s.trends.size)
     if not m:

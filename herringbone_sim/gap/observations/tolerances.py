@@ -15,10 +15,10 @@ GAUGE_GAIN_TOLERANCE = 0.05  # gain of a strain gauge, by data sheet
 
 
 def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
-    """Coefficients of every hypothesis: what a healthy rig and its sensors may differ by.
+    """Coefficients of every hypothesis: departures of a healthy rig from its data sheet.
 
-    k, c and e of sun and ring meshes, delays, common filter, force between samples, masses, gains
-    of gauges. Bounds are those of the data sheet.
+    They are k, c and e of sun and ring meshes, delays of k and e, common filter, quadrature error
+    of the balance, masses, gains of force channels. Bounds: data sheet, or campaign (force gains).
     """
     gear = builder.gear
     ring = is_ring(gear.model.layout)
@@ -61,7 +61,7 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
 def _force_gain(builder: CoefficientBuilder, j: int) -> Weights:
     """Weights of a gain error of force sensor j: force law, and balance with opposite sign.
 
-    A balance that takes the force of the mesh from the law does not see its sensor.
+    It does not act in a balance that takes the force of the mesh from the law.
     """
     on = np.zeros(builder.gear.model.layout.n_mesh)
     on[j] = 1.0

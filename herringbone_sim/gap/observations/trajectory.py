@@ -1,10 +1,10 @@
-"""Trajectories as an observation, for few channels: residual of fitted windows of the motion.
+"""The trajectory as an observation, for few channels: residual of fitted windows of the motion.
 
 Where neither force law nor balance can be formed, states of short windows are fitted to the
-recorded channels (``shooting``). Rows are the residuals of the channels and the jumps between
-windows. The column of a function is the linear response of the windows to its force.
+recorded channels (``shooting``). The residual consists of those of the channels and of the jumps
+between windows; the column of a function is the linear response of the windows to its force.
 
-Over 300 lines: what is fitted, its block and what is left use the same cached states.
+Over 300 lines: fit of the states, block and noise of the channels use the same cached states.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.observations.windows import N_WINDOWS
 
 NAME = "trajectory"
-# Levenberg-Marquardt rounds under a change for the first time, and later, from the last states;
+# Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its last states;
 # chosen for run time.
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
-MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a wrong minimum; chosen
-# Chi2 over that at the last restart below which states are restarted: the motion has changed;
-# chosen.
+MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local minimum; chosen
+# States are restarted once chi2 is less than this fraction of that at the last restart, as the
+# motion has changed; chosen.
 RESTART_SHARE = 0.75
-STATE_PRECISION = 1e-6  # of the prior of scaled start states, practically none
+STATE_PRECISION = 1e-6  # of scaled start states: practically no prior
 
 
 class Trajectory(ForcedWindows):
@@ -64,11 +64,11 @@ class Trajectory(ForcedWindows):
 
     Args:
         run, windows: see ``ForcedWindows``.
-        exchanged: whether channels of the run were exchanged: then it has no columns of that.
+        exchanged: whether a swap of channels was undone in the run; then columns of swaps are 0.
 
     Attributes:
-        last_linearisation: states, law and motion of the block formed last.
-        last_elimination: its elimination of states and encoder errors.
+        last_linearisation: states, force law and mesh motion of the last ``block``.
+        last_elimination: elimination of states, encoder errors and trends of the last ``block``.
     """
 
     _fine = False
@@ -93,16 +93,19 @@ class Trajectory(ForcedWindows):
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function] = (),
     ) -> WindowSolution:
-        """Fit states under a change, from those fitted last for the same ``key``.
+        """Fit states under a change of the law, from those fitted last for the same ``key``.
 
-        States are restarted by the filter where they may be in a wrong minimum, and from those
-        of the change with the least chi2 so far, sensor errors aside, once for each.
+        Two other starts are tried against local minima: the states of least chi2 under any change
+        without sensor errors, and, where chi2 is large, those of a new filter pass.
 
         Args:
             key: names of the functions with an amplitude.
             change_of: change of the law as a function of the motion.
             of_bodies: amplitudes of masses, sensor errors, friction, ripple and ``on_carrier``.
             on_carrier: functions on the carrier.
+
+        Returns:
+            Fitted states, also cached for ``key``; ``nominal`` where they diverge.
         """
         forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
         new = key not in self._solutions
@@ -161,7 +164,7 @@ class Trajectory(ForcedWindows):
 
     @contextmanager
     def to_the_end(self) -> Iterator[None]:
-        """Fit states to ``FINE_TOLERANCE`` meanwhile, as for the forces that they tell."""
+        """Let ``fitted_states`` fit to ``FINE_TOLERANCE`` inside this context."""
         self._fine = True
         try:
             yield
@@ -169,10 +172,7 @@ class Trajectory(ForcedWindows):
             self._fine = False
 
     def _has_converged(self, solution: WindowSolution) -> bool:
-        """Whether states leave less than the readings themselves; else a change made them diverge.
-
-        Such a change explains nothing: the states of the nominal law stand in.
-        """
+        """Whether chi2 is at most that of the readings themselves; diverging states exceed it."""
         s = self.windows
         return bool(solution.cost <= np.sum((s.measured * s.weight) ** 2))
 
@@ -184,9 +184,9 @@ class Trajectory(ForcedWindows):
         on_carrier: Sequence[Function],
         rounds: int,
     ) -> float:
-        """Cost under a change after ``rounds`` steps of the fit from the states ``near``.
+        """Chi2 under a change after at most ``rounds`` steps of the fit from the states ``near``.
 
-        Thread-safe; inf where the states diverge.
+        Thread-safe; inf where the states diverge. Other arguments are those of ``fitted_states``.
         """
         own = copy.copy(self)
         forcing_at = own.forcing_under(change_of, of_bodies, on_carrier)
@@ -196,12 +196,12 @@ class Trajectory(ForcedWindows):
 
     @cached_property
     def _with_lead(self) -> ForcedWindows:
-        """Windows of the run including those of the lead."""
+        """Windows of the whole run, including those at its start that only the filter uses."""
         return ForcedWindows(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
     @cached_property
     def nominal(self) -> WindowSolution:
-        """States fitted with the nominal law, planets in step or out of step."""
+        """States fitted under the nominal law, from planets in step and out of step; the best."""
         mine, of_whole = (
             one.forcing(LawChange(), self.masses({}), ()) for one in (self, self._with_lead)
         )
@@ -210,12 +210,12 @@ class Trajectory(ForcedWindows):
     def _restarted(
         self, forcing: Forcing, of_whole: Forcing, trends: Array
     ) -> WindowSolution | None:
-        """Fit states from a filter run under the change; None if that diverges.
+        """Fit states from those of a new filter pass; None if the filter diverges.
 
         Args:
-            forcing: of the windows.
-            of_whole: of the windows with the lead.
-            trends: (m,) of the channels.
+            forcing: of the windows under the change.
+            of_whole: of the windows of the whole run, ``_with_lead``, under the change.
+            trends: (m,) initial amplitudes of the trends.
         """
         whole = self._with_lead.windows.without_trends(trends)
         try:
@@ -232,9 +232,13 @@ class Trajectory(ForcedWindows):
         functions: Sequence[Function],
         wanted: Sequence[str],
     ) -> Block:
-        """Block of the windows about states, with states and encoder errors eliminated.
+        """Block of the windows about fitted states, with one row.
+
+        States, encoder errors and trends are eliminated. Sets ``last_linearisation`` and
+        ``last_elimination``.
 
         Args:
+            solution: the fitted states.
             change_of: change of the law as a function of the motion.
             functions: of the force law and on the carrier.
             wanted: names of the columns.
@@ -270,14 +274,14 @@ class Trajectory(ForcedWindows):
         )
 
     def _independent_readings(self, states: StateElimination) -> float:
-        """Number of readings that the states leave; jumps have no noise of their own."""
+        """Number of readings minus those that the states use up, at least 1; jumps don't count."""
         return max(float(np.count_nonzero(self.windows.weight)) - states.leverage(), 1.0)
 
     def noise_left(self) -> dict[str, float]:
-        """RMS that the nominal gear leaves of each channel, in its unit; 0 without readings.
+        """Noise of each channel by name, in its unit, from its residual under the nominal law.
 
-        What is left has no eccentricity of encoders in it. The states take up a part of the noise,
-        which is taken to be the same in all channels. Empty where the nominal gear diverges.
+        It is the RMS residual without encoder errors and trends, corrected for the fraction that
+        the states absorb, equal in all channels. 0 without readings; empty if states diverge.
         """
         s, solution = self.recorded, self.nominal
         if not np.isfinite(solution.cost):
@@ -296,7 +300,9 @@ class Trajectory(ForcedWindows):
         return dict(zip(s.channels.names, rms.tolist(), strict=True))
 
     def regression_inputs(self, block: Block, functions: Sequence[Function]) -> RegressionInputs:
-        """Responses to general functions in the block formed last, states eliminated."""
+        """Inputs of the flexible regression of the last ``block``: whitened responses to functions
+        of the law, states eliminated.
+        """
         s = self.windows
         solution, now, m = self.last_linearisation
 
@@ -309,7 +315,7 @@ class Trajectory(ForcedWindows):
         return RegressionInputs(nothing, nothing[:, 0], nothing, left[:, None, :])
 
     def cycles(self) -> Array:
-        """(rows,) mesh cycles since the start; jumps at the start of their window, priors at 0."""
+        """(rows,) mesh cycles of residuals and jumps since the first window began; 0 of priors."""
         s = self.windows
         W, samples, k = s.measured.shape
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)

@@ -23,9 +23,9 @@ class WindowChannels:
 
     Attributes:
         names: (k,) channel names.
-        of_u, of_F, of_a: weights (k, 9), (k, n_mesh), (k, 9).
+        of_u, of_F, of_a: weights of u (k, 9), mesh forces (k, n_mesh), accelerations (k, 9).
         values: (n, k) recorded values, NaN where there is no reading.
-        sigma: (k,) noise.
+        sigma: (k,) standard deviation of the noise.
     """
 
     names: tuple[str, ...]
@@ -36,7 +36,7 @@ class WindowChannels:
     sigma: Array
 
     def only(self, i: int) -> WindowChannels:
-        """Channel i alone."""
+        """Copy with channel i alone."""
         one = slice(i, i + 1)
         return WindowChannels(
             self.names[one],
@@ -54,7 +54,7 @@ class WindowChannels:
 
 
 def window_channels(run: PreparedRun) -> WindowChannels:
-    """All recorded rotations, forces and accelerations of a run."""
+    """All recorded rotations, mesh forces, pin forces and accelerations of a run."""
     layout = run.model.layout
     bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
     kinds: tuple[tuple[str, str, Measured, Array], ...] = (
@@ -94,10 +94,11 @@ def pin_weights(layout: Layout) -> Array:
 def mesh_forces(
     G: Array, states: Array, forcing: Forcing, at: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Mesh forces (..., n_mesh) [N] and contact stiffness [N/m] at states (..., 18).
+    """Mesh forces (..., n_mesh) [N] and stiffness in contact, else 0 [N/m], at states (..., 18).
 
     Args:
-        at: (...) indices of half steps.
+        G: (n_mesh, 9) displacements of the meshes by rotations of the bodies.
+        at: (...) indices of the half steps of ``forcing`` at which the states are.
     """
     half = STATES // 2
     x = states[..., :half] @ G.T + forcing.offset[at]
@@ -117,7 +118,7 @@ def channel_outputs(
         c: the channels.
         states: (W, m, 18) of m samples in W windows [m], [m/s].
         forcing: of the windows.
-        at: (W, m) half steps at which the samples lie.
+        at: (W, m) indices of the half steps at which the samples lie.
     """
     G = forcing.G
     of_u = np.hstack([c.of_u, np.zeros_like(c.of_u)])

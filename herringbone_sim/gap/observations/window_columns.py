@@ -34,11 +34,11 @@ from herringbone_sim.gap.observations.windows import Windows
 def function_names(
     model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Columns: masses, channel errors and swaps, friction by mesh, ripple, the law by mesh.
+    """Names of all columns: masses, channel errors, swaps, friction, ripple, law, carrier.
 
     Args:
         laws: functions of the force law, and those on the carrier.
-        channels: names of channels.
+        channels: names of the channels to which windows are fitted.
     """
     meshes = range(model.layout.n_mesh)
     names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
@@ -52,7 +52,7 @@ def function_names(
 
 @dataclass(frozen=True)
 class BodyForce:
-    """Force on the bodies: ``direction`` (9,) times ``size`` (n,) [N]."""
+    """Force on the bodies by a function: ``direction`` (9,) times ``size`` (n,) [N]."""
 
     name: str
     direction: Array
@@ -66,12 +66,12 @@ def body_forces(
     wanted: Iterable[str],
     on_carrier: Sequence[Function] = (),
 ) -> Iterator[BodyForce]:
-    """Forces on bodies by unit amplitude of those wanted functions that act on bodies.
+    """Yield the forces on bodies by unit amplitudes of friction, ripple and carrier functions.
 
     Args:
-        now: force law at ``m``.
-        wanted: names of functions.
-        on_carrier: further functions, forces on the carrier.
+        m, now: motion of the meshes, and the force law there.
+        wanted: names of functions; those that are no force on a body are skipped.
+        on_carrier: functions that are forces on the carrier.
     """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
@@ -106,9 +106,10 @@ def window_columns(
     """Response (rows, Q) of channels and jumps to unit amplitudes of functions, over the noise.
 
     Args:
+        solution: states about which the motion is linearised.
         m, now: motion of the meshes at every step, and the force law there.
         functions: of the force law, wanted as ``FUNCTION of MESH``, and those on the carrier.
-        wanted: names of the Q columns.
+        wanted: names of the Q columns, see ``function_names``.
     """
     inverse = s.inverse_masses
     directions: list[Array] = []
@@ -157,12 +158,13 @@ def window_columns(
 def responses(
     s: Windows, solution: WindowSolution, direction: Array, size: Array, on_meshes: Array
 ) -> Array:
-    """Linear response (rows, P) to P accelerations, over the noise.
+    """Linear response (rows, P) of channels and jumps to P forces, over the noise.
 
     Args:
-        direction: (P, 9) acceleration per unit of ``size``.
-        size: (P, W, steps + 1) time course.
-        on_meshes: (P, n_mesh) 1 for the mesh whose force it is, measured directly by gauges.
+        solution: states about which the motion is linearised.
+        direction: (P, 9) accelerations of the bodies per unit of ``size``.
+        size: (P, W, steps + 1) force [N] at every step.
+        on_meshes: (P, n_mesh) 1 on the mesh whose force it is, as gauges measure it; else 0.
     """
     each, P = s.steps_per_sample, len(direction)
     pushed = np.ascontiguousarray(size.transpose(1, 2, 0))
@@ -182,10 +184,10 @@ def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-
 
     Args:
         tangents: (W, steps, n, n) of single steps.
-        way: (n / 2, P) change of the rates by half a step of unit pushes.
-        pushed: (W, steps + 1, P) size of the pushes.
-        slope: (W, samples, C, n) of channels by states.
-        each: steps of a sample.
+        way: (n / 2, P) change of the rates by half a step of unit forces.
+        pushed: (W, steps + 1, P) size of the forces.
+        slope: (W, samples, C, n) derivatives of channels by states.
+        each: steps per sample.
     """
     n, P = tangents.shape[2], way.shape[1]
     half = n // 2
@@ -206,12 +208,12 @@ def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-
 
 
 def encoder_columns(s: Windows) -> tuple[Array, Array]:
-    """Eccentricity of each encoder, once a revolution, and trends of channels: columns, prior SDs.
+    """Columns of encoder eccentricities and of ``Windows.trends``, and their prior deviations.
 
     Returns:
-        Columns (rows, 2 n_encoders + m): cos and sin of the shaft angle, divided by the noise, in
-        the rows of that encoder, 0 in other channels and in the continuity rows, and those of
-        ``Windows.trends``; and prior standard deviation of each amplitude, unit of the channel.
+        Columns (rows, 2 n_encoders + m), over the noise: cos and sin of the shaft angle in the
+        rows of each encoder, 0 elsewhere; then ``Windows.trend_rows``. Prior standard deviations
+        (2 n_encoders + m,) of their amplitudes, in the unit of the channel.
     """
     model = s.run.model
     sc = model.scales

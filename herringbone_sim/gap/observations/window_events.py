@@ -1,8 +1,8 @@
-"""Damaged teeth in windows of the motion: which event removes most chi2.
+"""Search windows of the motion for damaged teeth: the events that remove most chi2.
 
-A tooth contact excites the motion, so its response outlasts it and reaches all channels. The
-response of the windows to a contact of every mesh at every time is computed once, states are
-projected out, and responses are summed over the revolutions of each member.
+The contact of a damaged tooth excites the motion, so its response outlasts it and reaches all
+channels. The response of the windows to a contact of every mesh at every time is computed once,
+states are projected out, and responses are summed over the revolutions of each member.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ MEMBERS = ("sun", "planet", "ring")
 
 @dataclass(frozen=True)
 class Contacts:
-    """Response of the windows of a run to a contact of each mesh at each time.
+    """Response of the windows of a run to a damaged contact of each mesh at each time.
 
     Attributes:
-        first_time: time of the first contact in units of 1 / ``MIDDLES_PER_CYCLE`` mesh cycles.
+        first_time: middle of the first contact in 1 / ``MIDDLES_PER_CYCLE`` mesh cycles.
         response: by kind of event (n_mesh, times, rows), over the noise, states projected out.
         residual: (rows,) residual of the windows, over the noise.
     """
@@ -72,11 +72,11 @@ class Contacts:
 
 
 def contact_responses(one: Trajectory, block: Block) -> Contacts:
-    """Response of the windows of a run to a tooth contact of each mesh at each time.
+    """Response of the windows of a run to a damaged contact of each mesh at each time.
 
     Args:
         one: windows of the run.
-        block: formed last by ``one``; responses are linear about its states.
+        block: last block of ``one``; responses are linear about its states.
     """
     s = one.windows
     solution, now, m = one.last_linearisation
@@ -115,7 +115,7 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
-    """The events that remove most chi2, ``per_kind`` of each kind; see ``events.proposals``."""
+    """Damaged teeth that remove most chi2, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
     found = parallel_map(
         lambda r: contact_responses(
@@ -132,9 +132,10 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
 
 
 def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[Event]:
-    """Events best first; of events that remove the same chi2, that on most meshes.
+    """Events best first, without those that are equal but for contacts outside the windows.
 
-    Such events differ only in contacts outside the windows, and a tooth meets all its meshes.
+    Of events of a member that remove the same chi2, the one on most meshes stays, as a tooth meets
+    all meshes of its member.
     """
     found: dict[tuple[str, str], Event] = {}
     for squares, event in ranked:
@@ -146,20 +147,20 @@ def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[
 
 
 def _mesh_count(gear: Gear, event: Event) -> int:
-    """Number of meshes of an event."""
+    """Number of meshes on which an event acts."""
     return int(np.count_nonzero(event.locus.mask(gear.model.layout)))
 
 
 def _best_events(
     gear: Gear, runs: Sequence[Contacts], kind: str, member: str
 ) -> Iterator[tuple[float, Event]]:
-    """Chi2 removed and event, for each place at the time that removes most."""
+    """Yield chi2 removed and event, for each place and assembly at the time that removes most."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(MIDDLES_PER_CYCLE * cycles)
     sought: list[tuple[Locus, Array]] = []
     for locus in known_effects()[kind].candidates(layout):
-        # Windows shorter than a revolution tell a planet's tooth only by the meshes involved.
+        # In windows shorter than a revolution, only its meshes tell a planet's tooth from others.
         if tooth_meets(member, locus) and (member == "planet") == (locus.planet != "all"):
             several = np.count_nonzero(locus.mask(layout)) > 1
             ways = [late for _, late in mesh_delays(gear, member)] if several else [0.0]

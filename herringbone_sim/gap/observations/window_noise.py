@@ -1,9 +1,9 @@
-"""Noise of the channels to which windows are fitted, where the campaign does not tell it.
+"""Noise of the channels to which windows are fitted, where the campaign does not give it.
 
-The top of a channel's spectrum says it badly there. The steps of an encoder may repeat with the
-motion, so that their error lies in a few lines and hardly at the top; forces and accelerations
-of a gear that loses contact have motion up to the top. What windows of the nominal gear leave
-bounds both.
+An estimate from the top of a channel's spectrum is bad there: too low where rounding by an encoder
+repeats with the motion, as its error lies in a few lines; too high for forces and accelerations of
+a gear that loses contact, which have motion up to the top. The residual of windows under the
+nominal law bounds both.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from herringbone_sim.gap.observations.trajectory import Trajectory
 
 
 def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[PreparedRun, ...]:
-    """Runs with the noise of rotations raised, and of all else lowered, to what windows leave.
+    """Runs with noise corrected by the residual of windows under the nominal law.
 
-    That of a rotation is raised at most to that of its noisiest run of role ``fit``, as an effect
-    that is not in the model leaves more. Noise that the campaign tells stays, and that of
-    accelerations where a window has no more readings than states, which then take up nearly all.
+    Noise of rotations is raised to the RMS residual, at most to that of the noisiest fit run, as
+    an effect raises the residual too; noise of forces and accelerations is lowered to it.
+    Unchanged are noise that the campaign gives, and that of accelerations where a window has no
+    more readings than states, which then absorb nearly all of it.
 
     Args:
         runs: all runs of a campaign, to which windows are fitted.
-        known: whether the campaign tells the noise of all channels but those without a mean.
+        known: whether the campaign gives the noise of all channels but detrended rotations.
     """
     most = np.fmax.reduce([run.u.sigma for run in deciding(runs)])
 
@@ -62,11 +63,11 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
 
 
 def _lowered(channels: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
-    """Channels with their noise lowered to what is left of each."""
+    """Channels with noise lowered to the RMS residual ``left``, not below quantisation."""
     lowered = np.fmin(channels.sigma, _of(names, left))
     return channels.with_noise(at_least_quantisation(lowered, channels.values))
 
 
 def _of(names: Sequence[str], left: Mapping[str, float]) -> Array:
-    """What is left of channels (k,), NaN where nothing is known."""
+    """RMS residuals ``left`` of channels (k,), NaN where missing or 0."""
     return np.array([left.get(name) or np.nan for name in names])

@@ -1,6 +1,6 @@
 """Grid search for moving parts in windows of the motion.
 
-The displacement of a part follows from the motion by its own equation; the change of the mesh
+The displacement of a part follows from the motion by ``seat_motion``. The change of the mesh
 forces by it acts through the linear response of the windows.
 """
 
@@ -23,12 +23,12 @@ from herringbone_sim.gap.observations.window_columns import responses
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
-    """Best flexible ring and loose pins; see ``seat_grid.proposals``."""
+    """Moving parts that remove most chi2 of the windows; see ``seat_grid.proposals``."""
     return best_seats(WindowPartTrial(gear, amplitudes, known))
 
 
 class WindowPartTrial(PartTrial):
-    """Chi2 that a part removes from windows, linear about the states fitted without it."""
+    """Evaluation of the chi2 that a part removes, linear about states fitted without it."""
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
@@ -40,7 +40,7 @@ class WindowPartTrial(PartTrial):
         return TrialRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """The row of the windows, with states and encoder errors projected out."""
+        """Yield the row of the windows without and with the part, states projected out."""
         model, one = self.gear.model, self.gear.trajectory_under(run.number, self._amplitudes)
         s, solution = one.windows, one.last_linearisation[0]
         drive = self._drive(run, seat)

@@ -1,4 +1,4 @@
-"""Gain, bias, delay and clock of the channels to which windows are fitted."""
+"""Gain, bias, delay, clock and swap of the channels to which windows are fitted."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.windows import Windows
 
 TINY = 1e-300  # avoids division by zero where there is no reading
-SWAP_PREFIX = "swap of "  # prefix of ``A and B``; present or absent
+SWAP_PREFIX = "swap of "  # followed by ``A and B``; amplitude 0 or 1
 ERRORS = ("gain", "bias", "delay", "clock")
 
 
 def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Channels of one kind, two at a time: their cables may be exchanged."""
+    """All pairs of channels of one kind, whose cables may be exchanged."""
 
     def kind(name: str) -> str:
         return "pin" if name.startswith("F_pin") else name[0]
@@ -27,13 +27,13 @@ def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
-    """Windows whose channels have sensor errors.
+    """Copy of windows that allows for gain, bias, delay and clock errors of their channels.
 
-    Gain and bias are removed from the readings; channels that are late are predicted late.
+    Gain and bias are removed from the readings; delay and clock act on the predicted channels.
 
     Args:
-        amplitudes: by ``ERROR of CHANNEL``: gain as a share, bias in the unit of the channel,
-            delay [s], relative error of the clock.
+        amplitudes: by ``ERROR of CHANNEL``: gain minus 1, bias in the unit of the channel, delay
+            [s], relative error of the clock. Other names are ignored.
     """
     names = s.channels.names
     gain, bias, delay, clock = (
@@ -54,10 +54,11 @@ def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
 def error_columns(
     s: Windows, solution: WindowSolution, exact: Array, wanted: Container[str]
 ) -> dict[str, Array]:
-    """Change (W samples k,) of all channels by a unit of each wanted error, over the noise.
+    """Change (W samples k,) of all readings by a unit of each wanted error, over the noise.
 
     Args:
-        exact: (n, k) channels without errors at every step.
+        exact: (n, k) channels without errors, predicted at every step.
+        wanted: names, ``ERROR of CHANNEL`` or ``swap of A and B``.
     """
     found = {}
     for i, name in enumerate(s.channels.names):
@@ -81,7 +82,7 @@ def error_columns(
 def _error_signal(
     s: Windows, solution: WindowSolution, exact: Array, i: int, error: str
 ) -> Array | float:
-    """Change (W, samples) of channel i by a unit of an error."""
+    """Change (W, samples) of readings of channel i, in its unit, by a unit of an error."""
     if error == "bias":
         return 1.0
     if error == "gain":

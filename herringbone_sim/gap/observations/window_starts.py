@@ -1,8 +1,8 @@
 """Start states for windows by an iterated Kalman filter from window to window.
 
-The mean motion of planets follows from suns and carrier directly, differences between planets only
-by their action on the suns. Several initial states, planets in step and out of step, are filtered
-through all windows; the best ones are fitted.
+The mean motion of planets follows directly from suns and carrier; differences between planets show
+only in their action on the suns. So several initial states, planets in step and out of step, are
+filtered through all windows, and the best are fitted.
 B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 """
 
@@ -23,11 +23,11 @@ from herringbone_sim.gap.observations.windows import Windows
 
 OUT_OF_STEP = (0.1, 0.3, 0.6)  # initial differences between planets over the motion's RMS, chosen
 N_FITTED = 2  # initial states fitted to convergence
-# Runs of the filter where rotations may lack their mean or the rigid swing, each with the trends
-# of the fit before.
+# Passes of filter and fit where rotations may lack their mean or the rigid swing; each takes the
+# trends of the best fit before it off the readings.
 N_FILTERED = 3
 MAX_ROUNDS = 8
-RELATIVE_TOLERANCE = 1e-2  # decrease of a window's chi2, as a share, that ends its fit
+RELATIVE_TOLERANCE = 1e-2  # relative decrease of a window's chi2 below which its fit ends
 
 
 def filter_and_fit(
@@ -36,9 +36,9 @@ def filter_and_fit(
     """Filter several initial states, fit the best, and return the best fit.
 
     Args:
-        forcing: of the windows ``s``.
-        whole: windows that begin earlier, in which the filter converges.
-        of_whole: their forcing.
+        s, forcing: windows to fit, and their forcing.
+        whole, of_whole: windows that begin earlier, so that the filter converges before those of
+            ``s``, and their forcing.
     """
     found: list[WindowSolution] = []
     trends = np.zeros(len(s.trends.size))
@@ -56,7 +56,7 @@ def filter_and_fit(
 
 
 def initial_states(s: Windows) -> Array:
-    """Initial states (K, 18): planets in step, then with random differences, fixed seed."""
+    """Initial states (K, 18): planets in step, then with random differences (fixed seed)."""
     rng = np.random.default_rng(0)
     in_step = symmetric_starts(s)[0]
     hidden = 3 + np.flatnonzero(~s.run.u.recorded[3:])
@@ -70,10 +70,10 @@ def initial_states(s: Windows) -> Array:
 
 
 def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, Array]:
-    """Filter initial states (K, 18) through all windows.
+    """Filter initial states (K, 18) through all windows, each by its own filter.
 
-    The prior of the first window is broad (the RMS of the motion); later ones are predicted with
-    process noise ``JUMP_SD``.
+    The prior of the first window is broad (the RMS of the motion); those of later windows are
+    predictions with process noise ``JUMP_SD``.
 
     Returns:
         Start states (K, W, 18) and total chi2 (K,).
@@ -102,14 +102,14 @@ def _window(
         expected, precision: mean (K, 18) and inverse covariance (K, 18, 18) of the prior.
 
     Returns:
-        States (K, 18), chi2 (K,), normal matrices (K, 18, 18), propagators to the end
-        (K, 18, 18) and states at the end (K, 18).
+        All scaled: start states (K, 18), chi2 with prior (K,), normal matrices (K, 18, 18),
+        derivatives of the end by the start (K, 18, 18) and states at the end (K, 18).
     """
     K = len(expected)
     first = np.full(K, s.first_half_step[w])
 
     def evaluate(z: Array) -> tuple[Array, ...]:
-        """States, tangents, channel derivatives, residuals and chi2 at scaled starts z."""
+        """States, tangents, channel derivatives, residuals and chi2 at scaled starts z (K, 18)."""
         states, tangents = integrate_windows(z * s.scale, first, s.steps, s.h, forcing)
         seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]

@@ -1,7 +1,8 @@
-"""Start states of windows: their normal matrix, and what is left when they are eliminated.
+"""Elimination of the start states of windows from residuals and columns, by least squares.
 
-Ties join neighbouring windows only, so the normal matrix is block tridiagonal and work grows with
-the number of windows (block Cholesky: Golub and Van Loan, Matrix Computations, sec. 4.5).
+Continuity constraints, here called ties, join neighbouring windows only. So the normal matrix is
+block tridiagonal, and work grows linearly with the number of windows (block Cholesky: Golub and
+Van Loan, Matrix Computations, sec. 4.5).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 
-# Shares of the largest entry that are tried where rounding leaves the matrix indefinite.
+# Prior precisions over the largest entry, tried where rounding leaves the matrix indefinite.
 ROUNDING_SHARES = (1e-12, 1e-8, 1e-4)
 
 
@@ -55,8 +56,8 @@ class WindowJacobian:
 
     Args:
         readings: (W, m, n) derivatives of the readings of each window, over the noise.
-        ends: (W - 1, n, n) derivatives of its end, over the standard deviation of a jump.
-        start: derivative of the start of the next window, over that of a jump.
+        ends: (W - 1, n, n) derivatives of the end of each window but the last, over ``JUMP_SD``.
+        start: derivative of a scaled start state by itself, 1, over ``JUMP_SD``.
 
     Attributes:
         own, below: blocks of J'J, see ``BlockTridiagonal``.
@@ -72,14 +73,14 @@ class WindowJacobian:
         self.below = -start * ends
 
     def times(self, states: Array) -> Array:
-        """J times states (W, n, k): (rows, k)."""
+        """J times k vectors of start states (W, n, k), as (rows, k)."""
         ties = self._ends @ states[:-1] - self._start * states[1:]
         k = states.shape[2]
         readings = (self._readings @ states).reshape(self._readings[..., 0].size, k)
         return np.concatenate([readings, ties.reshape(self._ends[..., 0].size, k)])
 
     def transposed_times(self, rows: Array) -> Array:
-        """J' times (rows, k): (W, n, k)."""
+        """J' times k vectors (rows, k), as (W, n, k)."""
         (W, m, n), k = self._readings.shape, rows.shape[1]
         found = self._readings.transpose(0, 2, 1) @ rows[: W * m].reshape(W, m, k)
         ties = rows[W * m :].reshape(W - 1, n, k)
@@ -89,13 +90,13 @@ class WindowJacobian:
 
 
 def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
-    """Factor of J'J with a prior of precision ``flat``, or of the least that rounding allows.
+    """Factor of J'J plus a prior of precision ``flat``, or the least that rounding allows.
 
-    States that a change makes diverge have entries so far apart that rounding leaves J'J
-    indefinite; their precision is then at least a share of the largest of their window.
+    Where states diverge, entries differ so much in size that rounding leaves J'J indefinite. The
+    precision is then raised to a fraction of the largest entry of the window.
 
     Raises:
-        numpy.linalg.LinAlgError: the entries are not finite.
+        numpy.linalg.LinAlgError: no fraction suffices, as where entries are not finite.
     """
     eye = np.eye(jacobian.own.shape[1])
     largest = np.abs(jacobian.own).max(axis=(1, 2))[:, None, None]
@@ -109,15 +110,15 @@ def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
 
 
 class StateElimination:
-    """Removes from rows what start states and further columns explain of them.
+    """Elimination of start states and nuisance columns from vectors over the rows.
 
-    Products of cleared rows are those with both marginalised.
+    Inner products of cleared vectors are those with states and columns marginalised.
 
     Args:
-        jacobian: by the start states, whose prior is flat.
-        columns: (rows, m) further columns, over the noise.
+        jacobian: by the start states.
+        columns: (rows, m) nuisance columns, over the noise.
         sizes: (m,) prior standard deviations of their coefficients.
-        flat: precision of the prior of the start states, small.
+        flat: prior precision of the start states, small.
     """
 
     def __init__(
@@ -129,13 +130,13 @@ class StateElimination:
         self._normal = self._columns.T @ self._columns
 
     def _without_states(self, rows: Array) -> Array:
-        """Rows (rows, k) less their projection on the states."""
+        """Vectors (rows, k) minus their least-squares fit by the states."""
         return rows - self._jacobian.times(
             self._factor.solve(self._jacobian.transposed_times(rows))
         )
 
     def clear(self, rows: Array) -> Array:
-        """Cleared (rows + m, k) of (rows, k); the last m rows carry the prior of the columns."""
+        """Clear vectors (rows, k); return (rows + m, k), the last m rows by the columns' prior."""
         extra = np.zeros((len(self._normal), rows.shape[1]))
         found = np.vstack([self._without_states(rows), extra])
         if not len(extra):
@@ -145,7 +146,7 @@ class StateElimination:
         )
 
     def leverage(self) -> float:
-        """Number of readings that the states use up."""
+        """Effective number of readings that the states use up: trace of the hat matrix."""
         W, n, _ = self._jacobian.own.shape
         covariance = self._factor.solve(np.eye(W * n).reshape(W, n, W * n))
         own = covariance.reshape(W, n, W, n)[np.arange(W), :, np.arange(W)]

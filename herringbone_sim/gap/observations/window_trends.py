@@ -1,4 +1,4 @@
-"""Parts that channels may lack in a recording: constants and lines, and the rigid swing."""
+"""Trends: parts that recorded channels may lack, constants, lines and the rigid swing."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from herringbone_sim.gap.observations.window_channels import WindowChannels
 
 
 class Trends(NamedTuple):
-    """What channels lack: a constant and a line over the run, and the rigid swing.
+    """Waveforms that readings may contain or lack: a constant and a line over the run, the swing.
 
     An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
-    was taken off as the steady rotation takes a part of the motion with it; an accelerometer that
+    was subtracted as the steady rotation takes a part of the motion with it; an accelerometer that
     is AC-coupled lacks its mean. A simulator in relative coordinates leaves out the rigid
-    oscillation under the control, a rig does not: the amplitude is 1 or 0.
+    oscillation under the control (amplitude 1), a rig does not (0).
 
     Attributes:
-        wave: (m, W, samples, k) of unit size, in all channels.
-        size: (m,) largest that they may be, in the unit of the channel; of the swing, 1.
+        wave: (m, W, samples, k) part of the readings of all channels by a unit amplitude of each.
+        size: (m,) largest expected amplitude, in the unit of the channel; 1 of the swing.
     """
 
     wave: Array
@@ -32,11 +32,11 @@ class Trends(NamedTuple):
 def trends_of(
     run: PreparedRun, channels: WindowChannels, motion: float, shape: tuple[int, int]
 ) -> Trends:
-    """Trends of rotations without a mean and of accelerations, and the swing of rotations.
+    """Trends of a run: of detrended rotations, accelerations, and, with a control, the swing.
 
     Args:
         motion: RMS of the shafts' motion [m].
-        shape: windows and samples of each.
+        shape: number of windows, and of samples in each.
     """
     W, samples = shape
     times = run.times[: W * samples].reshape(W, samples)

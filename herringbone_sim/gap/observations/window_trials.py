@@ -1,8 +1,8 @@
 """Nonlinear trials: fit windows under each effect at several finite sizes.
 
 Needed where the contact pattern differs from the nominal one, so that the linear response gives
-neither size nor kind of an effect. Trials run a few rounds on the runs nearest to the nominal
-motion.
+neither size nor kind of an effect. Trials take a few steps of the fit, on the two least deviating
+of the runs that deviate much.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
 SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 # Offsets of the logarithm of a part's stiffness or clearance; chosen.
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
-ROUNDS_BY_RUN = (3, 8)  # rounds on the nearest run and on the next one, for run time
-SURE_SHARE = 0.5  # of the chi2, left by an exchange that is believed without other trials
+ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
+SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
-MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # trials returned, in all and with the same effect
+MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
 
 
 def nonlinear_trials(
@@ -38,14 +38,18 @@ def nonlinear_trials(
     ranked: Sequence[tuple[Hypothesis, Array]],
     known: Score,
 ) -> list[tuple[float, Hypothesis, Array]]:
-    """Best trials: chi2 left of all runs, hypothesis, start of its fit.
+    """Try hypotheses at finite sizes on windows of the motion.
 
     Args:
         rows: number of rows of each observation.
         tolerances: number of tolerances among the known coefficients; trials keep them at zero,
             as their fit is biased by the unexplained gap.
         ranked: hypotheses with the mean (p,) of their linear fit, known coefficients first.
-        known: fit without them.
+        known: fit without any of these hypotheses.
+
+    Returns:
+        Best trials, best first: chi2 left of all runs (extrapolated from one or two), hypothesis,
+        start values (p,) of its fit. Empty where the known fit leaves little of every run.
     """
     count, n = len(gear.runs), len(known.coefficients)
     about = known.mean.copy()
@@ -64,7 +68,7 @@ def nonlinear_trials(
             trials.append((one, np.append(about, 1.0)))
         elif isinstance(one.source, Seat):
             center = np.array([c.center for c in one.coefficients])
-            leading = np.arange(len(center)) == 1  # its stiffness or clearance, as a logarithm
+            leading = np.arange(len(center)) == 1  # logarithm of stiffness or clearance
             trials += [
                 (one, np.concatenate([about, center + leading * k])) for k in PART_LOG_FACTORS
             ]
@@ -75,7 +79,7 @@ def nonlinear_trials(
             trials += [(one, np.concatenate([about, moderate * k, rest])) for k in SIZE_FACTORS]
 
     def share_left(r: int, i: int, rounds: int) -> float:
-        """Chi2 left of run r by trial i over that without it, at most 1 (not converged)."""
+        """Chi2 of run r with trial i over that without it; at most 1, also where it diverges."""
         one, start = trials[i]
         of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
         if _is_swap(one):
@@ -105,5 +109,5 @@ def nonlinear_trials(
 
 
 def _is_swap(one: Hypothesis) -> bool:
-    """Whether a hypothesis swaps channels: present or absent, without a size."""
+    """Whether a hypothesis is a swap of channels, which is present or absent."""
     return one.effect == "channel_swap"

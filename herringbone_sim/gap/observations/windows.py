@@ -1,4 +1,4 @@
-"""Short windows of a run: readings of its channels, and the channels that states would show.
+"""Short windows of a run: readings of its channels, and their prediction from states.
 
 Windows are short against the Lyapunov time, so chaos does no harm.
 """
@@ -25,12 +25,12 @@ from herringbone_sim.gap.observations.window_trends import Trends, trends_of
 
 # Chosen; times in units of 1 / omega_n:
 STEP_RAD = 0.08  # longest integration step
-# Integration error through contact at this step, as a share of a channel's RMS, counted as noise;
+# Integration error through contact at this step over a channel's RMS, counted as noise;
 # upper bound checked by test/gap/test_gap_windows.py.
 INTEGRATION_ERROR = 3e-4
 WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
-# Windows of a run: where the calibrated machine leaves much, and where what is left is as small as
-# noise, so that more values are needed. Chosen for run time.
+# Windows of a run; the second number where the residual is as small as noise, so that more values
+# are needed. Chosen for run time.
 N_WINDOWS, MORE_WINDOWS = 24, 72
 
 
@@ -43,15 +43,15 @@ class Windows:
         G, inverse_masses: see ``rollout.Forcing``.
         channels: channels to fit.
         measured: (W, samples, k) readings; 0 where there are none.
-        weight: (W, samples, k) 1 over the noise; 0 where there is no reading.
+        weight: (W, samples, k) 1 over the noise (with integration error); 0 without reading.
         samples, steps: samples and integration steps per window.
         h: integration step [s].
         phase: (n,) mesh phase at every half step [rad].
         first_half_step: (W,) index of the half step at which each window starts.
         scale: (18,) RMS of rotations [m] and rates [m/s], for scaling.
-        trends: parts of channels that the recorder may have left out, see ``Trends``.
-        delay, clock: (k,) what each channel shows is y(t - delay - clock t): delay [s], and
-            relative error of a clock of its own, t from the start of the recording.
+        trends: parts of channels that the recording may lack, see ``Trends``.
+        delay, clock: (k,) delay [s] and relative clock error of each channel, which shows
+            y(t - delay - clock t), t from the start of the recording.
     """
 
     run: PreparedRun
@@ -81,22 +81,22 @@ class Windows:
         return self.steps // self.samples
 
     def in_windows(self, values: Array) -> Array:
-        """Reshape channels (n, k) to (W, samples, k), 0 for missing readings."""
+        """Cut channels (n, k) into windows (W, samples, k), 0 for missing readings."""
         W, samples, k = self.measured.shape
         return np.nan_to_num(values[: W * samples].reshape(W, samples, k))
 
     def trend_values(self, amplitudes: Array) -> Array:
-        """Trends (W, samples, k) of the channels by amplitudes (m,)."""
+        """Sum (W, samples, k) of all trends at amplitudes (m,)."""
         return np.asarray(np.tensordot(amplitudes, self.trends.wave, 1))
 
     def trend_rows(self) -> Array:
-        """(rows, m) change of ``stacked_residual`` by a unit of each trend, its sign reversed."""
+        """(rows, m) decrease of ``shooting.stacked_residual`` by a unit of each trend."""
         m, jumps = len(self.trends.size), (self.n_windows - 1) * STATES
         rows = (self.trends.wave * self.weight).reshape(m, self.weight.size)
         return np.asarray(np.pad(rows, ((0, 0), (0, jumps))).T)
 
     def without_trends(self, amplitudes: Array) -> Windows:
-        """Copy with trends of known amplitudes (m,) taken off the readings."""
+        """Copy with trends of given amplitudes (m,) subtracted from the readings."""
         return replace(self, measured=self.measured - self.trend_values(amplitudes))
 
     def channel_outputs(
@@ -106,7 +106,8 @@ class Windows:
 
         Args:
             states: (W, steps + 1, 18).
-            first: (W,) index of the half step at which each window starts; None: as stored.
+            first: (W,) index of the half step at which each window starts, for states that don't
+                belong to successive windows; None: ``first_half_step``.
         """
         alone = first is not None
         begin = self.first_half_step if first is None else first
@@ -124,9 +125,9 @@ class Windows:
     def _late_output(
         self, i: int, states: Array, forcing: Forcing, begin: NDArray[np.int64], alone: bool
     ) -> tuple[Array, Array]:
-        """Late channel i (W, samples) between steps, and its derivatives (W, samples, 18).
+        """Delayed channel i (W, samples) between steps, and derivatives (W, samples, 18).
 
-        For these, the state u, v at which it is read is that of its sample moved to u - late v.
+        These are by the state u, v at the sample; the channel is read at u - late v, v.
         """
         at, one = self.late_steps(i, begin, alone), self.channels.only(i)
         window, start = np.arange(len(states))[:, None], begin[:, None] // 2
@@ -143,11 +144,12 @@ class Windows:
         return value, slope
 
     def late_steps(self, i: int, begin: NDArray[np.int64], alone: bool = False) -> LateSteps:
-        """Steps between which channel i is interpolated; windows start at half steps (W,).
+        """Interpolation of delayed channel i between steps of the windows.
 
         Args:
-            alone: whether no steps but those of the same window are known; beyond the last step
-                that is known, the channel goes on for three steps and stays there.
+            begin: (W,) index of the half step at which each window starts.
+            alone: whether to use steps of the same window only, else those of all windows. Beyond
+                these, the parabola is extrapolated by three steps and constant from there.
         """
         sample = np.arange(self.samples)
         since = self.run.times[0] + 0.5 * self.h * begin[:, None] + self.run.step_s * sample
@@ -171,7 +173,7 @@ class Windows:
 
 
 class LateSteps(NamedTuple):
-    """Interpolation of a late channel by the parabola through three steps.
+    """Interpolation of a delayed channel by the parabola through three steps.
 
     Attributes:
         since: (W, samples) time since the start of the recording [s].
@@ -189,7 +191,7 @@ class LateSteps(NamedTuple):
 
 
 def steps_of_run(states: Array) -> Array:
-    """States (n, 18) at every step of all windows; where two meet, that of the later one.
+    """States (W steps + 1, 18) at every step of all windows; where two meet, the later window's.
 
     Args:
         states: (W, steps + 1, 18).
@@ -203,7 +205,7 @@ def window_samples(run: PreparedRun) -> int:
 
 
 def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
-    """Cut a run into at most ``windows`` windows, with readings, weights and steps."""
+    """Cut a run, from its first sample, into at most ``windows`` windows."""
     model, omega_n = run.model, run.model.scales.omega_n
     samples = window_samples(run)
     W = min(windows, (len(run) - 1) // samples)

@@ -1,6 +1,7 @@
-"""Torque balance as relative accelerations d2z/dt2: it shows effects that act on the bodies.
+"""Torque balance of the bodies, as accelerations d2z/dt2 of the coordinates z = (q, r).
 
-Friction and torque ripple don't change the force law, but they do change this balance.
+It shows effects that act on the bodies, such as friction and torque ripple, which don't change the
+force law of the meshes.
 
 Weak form: dz/dt is never differentiated. Both sides of d2z/dt2 = (masses)^-1 (forces, loads,
 control), Eqs. (12)-(14) and (18), are averaged over a Gaussian window; on the left side the window
@@ -22,24 +23,25 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window, gaussian_window
 from herringbone_sim.gap.residuals.fusion import Fused
 
-# phase, D z and its rate -> mesh forces [N]
+# phase (n,) [rad], D z [m] and its rate [m/s] (n, n_mesh) -> mesh forces (n, n_mesh) [N]
 ForceFunction = Callable[[Array, Array, Array], Array]
 
-FINE = 4  # points per sample at which a force law is averaged
-CORRECTION_UNCERTAINTY = 0.2  # sigma of the quadrature correction over its RMS
-WIDTH = 0.12  # deviation of the window, mesh cycles: gain 0.75 at order 1, 0.08 at order 3
+FINE = 4  # points per sample interval at which a force law is evaluated
+CORRECTION_UNCERTAINTY = 0.2  # standard deviation of the quadrature correction over its RMS
+WIDTH = 0.12  # standard deviation of the window, mesh cycles: gain 0.75 at order 1, 0.08 at 3
 
 
 @dataclass(frozen=True)
 class Balance:
-    """Accelerations of the m coordinates z = (q, r), averaged over a window; [m/s^2].
+    """Measured and expected accelerations of the m coordinates z, averaged over a window [m/s^2].
 
     Attributes:
-        measured: (k, m) from dz/dt.
+        measured: (k, m) averages of d2z/dt2 at k positions of the window.
         parts: (3, k, m) terms of the expected acceleration with nominal inertias: those
             proportional to 1/M_s, to 1/M_p and to 1/M_c.
-        factors: (3,) factors on 1/M_s, 1/M_p, 1/M_c in the residual.
-        sigma: (m,) standard deviation of the residual by noise.
+        factors: (3,) factors by which 1/M_s, 1/M_p and 1/M_c differ from nominal.
+        sigma: (m,) standard deviation of the residual by noise and by the error of the quadrature
+            correction.
         overlap: samples per independent value, as neighbouring windows overlap.
     """
 
@@ -51,13 +53,13 @@ class Balance:
 
     @property
     def residual(self) -> Array:
-        """Measured minus expected (k, m)."""
+        """Measured minus expected acceleration (k, m) [m/s^2], with ``factors`` applied."""
         residual: Array = self.measured - np.tensordot(self.factors, self.parts, axes=1)
         return residual
 
     @property
     def reduced_chi2(self) -> Array:
-        """Mean square (m,) of residual over sigma: 1 where the balance holds."""
+        """Mean over the window positions (m,) of (residual / sigma)^2: 1 if the balance holds."""
         chi2: Array = np.mean((self.residual / self.sigma) ** 2, axis=0)
         return chi2
 
@@ -69,7 +71,7 @@ class AveragedForce:
     Attributes:
         average_n: (k, n_mesh) [N].
         covariance: (n_mesh, n_mesh) of the noise of the averages [N^2].
-        correction_n: (k, n_mesh) quadrature correction contained in the average [N].
+        correction_n: (k, n_mesh) quadrature correction contained in ``average_n`` [N].
     """
 
     average_n: Array
@@ -78,7 +80,7 @@ class AveragedForce:
 
 
 def window_of(run: PreparedRun, width: float = WIDTH) -> Window:
-    """Gaussian window of standard deviation ``width`` [mesh cycles] on the samples of a run."""
+    """Return a Gaussian window of standard deviation ``width`` [mesh cycles] for a run."""
     return gaussian_window(width * run.cycle_s / run.step_s, run.step_s)
 
 
@@ -89,13 +91,15 @@ def torque_balance(
     force: AveragedForce | None = None,
     width: float = WIDTH,
 ) -> Balance:
-    """Measured relative accelerations of a run and those expected from its forces and loads.
+    """Return the measured accelerations of a run and those expected from its forces and loads.
+
+    Coordinates whose rate is unknown are NaN.
 
     Args:
-        run: with v of enough meshes.
-        fused: of the run.
-        factors: (3,) on 1/M_s, 1/M_p, 1/M_c; None: nominal.
-        force: averaged forces; None: the measured ones, without quadrature correction.
+        run: the run.
+        fused: its fused motion.
+        factors: (3,) on 1/M_s, 1/M_p, 1/M_c; None: nominal inertias.
+        force: averaged mesh forces; None: the measured ones, without quadrature correction.
         width: standard deviation of the window [mesh cycles].
     """
     window = window_of(run, width)
@@ -121,7 +125,7 @@ def torque_balance(
 def averaged_measured_force(
     run: PreparedRun, window: Window, correction_n: Array | None = None
 ) -> AveragedForce:
-    """Window average of the measured forces, plus the quadrature correction if one is given."""
+    """Average the measured forces over the window; add ``correction_n`` (k, n_mesh), if given."""
     average = window.average(run.F.values)
     correction = np.zeros_like(average) if correction_n is None else correction_n
     covariance = np.diag(run.F.sigma**2) * np.sum(window.mean**2)
@@ -129,12 +133,12 @@ def averaged_measured_force(
 
 
 def averaged_law_force(window: Window, force_n: Array, noise_n: Array) -> AveragedForce:
-    """Window average of the forces of a law.
+    """Average the forces of a law over the window, without quadrature correction.
 
     Args:
         window: to average with.
-        force_n: (n, n_mesh) forces [N].
-        noise_n: (n, n_mesh) a realisation of their noise [N], for the covariance.
+        force_n: (n, n_mesh) forces of the law [N].
+        noise_n: (n, n_mesh) realisation of their noise [N], from which the covariance is computed.
     """
     average = window.average(force_n)
     return AveragedForce(average, np.cov(window.average(noise_n).T), np.zeros_like(average))
@@ -143,14 +147,14 @@ def averaged_law_force(window: Window, force_n: Array, noise_n: Array) -> Averag
 def quadrature_correction(
     run: PreparedRun, fused: Fused, law: ForceFunction, width: float = WIDTH
 ) -> Array:
-    """Window integral minus window sum (k, n_mesh) [N] of the forces that a law gives.
+    """Return window integral minus window sum over the samples (k, n_mesh) [N] of a law's forces.
 
-    The law is evaluated at ``FINE`` points per sample on an interpolated motion.
+    For the integral the law is evaluated on the motion interpolated between the samples.
 
     Args:
-        run: with its sample times and phase.
-        fused: motion of the run.
-        law: forces (n, n_mesh) from phase (n,), D z and its rate (n, n_mesh).
+        run: whose sample times, phase and window are used.
+        fused: its fused motion.
+        law: mesh forces from phase, D z and its rate, see ``ForceFunction``.
         width: standard deviation of the window [mesh cycles].
     """
     h = run.step_s
@@ -168,10 +172,15 @@ def quadrature_correction(
 
 
 def hermite_interpolation(z: Array, rate: Array, step_s: float, parts: int) -> tuple[Array, Array]:
-    """Cubic Hermite interpolation of z with dz/dt (n, m) at ``parts`` points a step.
+    """Interpolate z (n, m) by cubic Hermite polynomials at ``parts`` points per sample interval.
+
+    Args:
+        z, rate: (n, m) values and their rates.
+        step_s: time between samples [s].
+        parts: number of points, the sample itself included.
 
     Returns:
-        Values and rates, each (parts (n - 1) + 1, m).
+        Interpolated values and rates, each (parts (n - 1) + 1, m).
     """
     n = parts * (len(z) - 1) + 1
     fine, slope = np.empty((n, z.shape[1])), np.empty((n, z.shape[1]))
@@ -188,7 +197,10 @@ def hermite_interpolation(z: Array, rate: Array, step_s: float, parts: int) -> t
 
 
 def inertia_parts(model: Model) -> Array:
-    """A (3, m, n_mesh) [1/kg]: accelerations of z by mesh forces via suns, planets, carrier."""
+    """Return the accelerations of z per unit of mesh force (3, m, n_mesh) [1/kg].
+
+    The first axis separates the terms with 1/M_s (suns), 1/M_p (planets) and 1/M_c (carrier).
+    """
     layout, s = model.layout, model.scales
     n, m, c = layout.n_mesh, layout.n_coordinate, layout.n_classes
     A = np.zeros((3, m, n))
@@ -204,7 +216,10 @@ def inertia_parts(model: Model) -> Array:
 
 
 def load_accelerations(run: PreparedRun) -> Array:
-    """Accelerations (3, n, m) [m/s^2] of z by T_1, T_2 and control, via suns, planets, carrier."""
+    """Return the accelerations (3, n, m) [m/s^2] of z by input, output and control torque.
+
+    The first axis separates the terms with 1/M_s, 1/M_p (zero: no load on planets) and 1/M_c.
+    """
     model = run.model
     p, s, packed = model.parameters, model.scales, model.packed
     load = np.zeros((3, len(run), model.layout.n_coordinate))

@@ -16,7 +16,7 @@ class NoisyBacklash:
 
     Attributes:
         f: expectation of the backlash function, Eqs. (1), (4) [m].
-        variance: of f [m^2].
+        variance: variance of the backlash function [m^2].
         contact: probability of contact, which equals the derivative of ``f`` by x.
     """
 
@@ -26,9 +26,9 @@ class NoisyBacklash:
 
 
 def noisy_backlash(x: Array, half_backlash: Array, sigma: Array) -> NoisyBacklash:
-    """Expectation of f over the Gaussian noise of x.
+    """Return mean and variance of the backlash function f over the Gaussian noise of x.
 
-    f of the noisy x itself would be biased near the edges of the backlash.
+    The value of f at the noisy x itself would be biased near the edges of the backlash.
 
     Args:
         x: (n, n_mesh) displacement [m].
@@ -44,7 +44,7 @@ def noisy_backlash(x: Array, half_backlash: Array, sigma: Array) -> NoisyBacklas
 
 
 def _ramp(over: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Means of max(y, 0) and max(y, 0)^2, and probability of y > 0, for y ~ N(over, sigma^2)."""
+    """Return E[max(y, 0)], E[max(y, 0)^2] and P(y > 0) for y ~ N(over, sigma^2)."""
     z = over / sigma
     odds = ndtr(z)
     bell = sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)

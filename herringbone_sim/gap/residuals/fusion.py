@@ -1,4 +1,4 @@
-"""Sensor fusion: best coordinates z = (q, r) and rates dz/dt from the channels x, u and v.
+"""Sensor fusion: estimate coordinates z = (q, r) and rates dz/dt from the channels x, u and v.
 
 Recorded x and u both measure z, by x = D z - e and z = B u (``data.geometry``), with the nominal
 e(t). Generalised least squares joins them sample by sample; a random-walk smoother then joins z
@@ -28,8 +28,9 @@ class Fused:
     Attributes:
         z, z_rate: (n, n_coordinate) coordinates (q, r) [m] and their rates [m/s].
         z_cov, z_rate_cov: (n_coordinate, n_coordinate) covariance of their noise.
-        x, v: (n, n_mesh) relative to the nominal e(t), NaN where the channels don't determine it.
-        sigma_x, sigma_v: (n_mesh,) standard deviation of their noise.
+        x, v: (n, n_mesh) mesh displacement D z - e [m] with the nominal e(t), and its rate [m/s];
+            NaN at meshes where the channels don't determine it.
+        sigma_x, sigma_v: (n_mesh,) standard deviation of the noise of x and v.
     """
 
     z: Array
@@ -48,15 +49,16 @@ class Fused:
 
     @property
     def known_meshes(self) -> Flags:
-        """Meshes (n_mesh,) whose displacement and rate are known."""
+        """Whether displacement and rate of each mesh (n_mesh,) are known at all samples."""
         return np.asarray(np.isfinite(self.x).all(axis=0) & np.isfinite(self.v).all(axis=0))
 
 
 def fuse(run: PreparedRun) -> Fused:
-    """Fuse x, u and v of a run.
+    """Estimate coordinates, mesh displacements and their rates from the channels x, u and v.
 
-    A coordinate that the channels don't determine is NaN. So are meshes that depend on it, unless
-    they have a sensor of their own, whose raw values are used.
+    z is smoothed by the rates only if the channels determine all coordinates and all rates. A
+    coordinate that they don't determine is NaN. So are the meshes that depend on it; but where x
+    or v of such a mesh is recorded, these raw values are used.
     """
     D = coordinates_to_meshes(run.model.layout)
     z, P = displacement(run)
@@ -82,7 +84,7 @@ def fuse(run: PreparedRun) -> Fused:
 
 
 def displacement(run: PreparedRun) -> tuple[Array, Array]:
-    """Coordinates z (n, m) [m] from x and u by geometry, with their noise covariance (m, m)."""
+    """Estimate z (n, m) [m] from x and u, sample by sample, and its noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
     B = bodies_to_coordinates(run.model)
     rows = np.vstack([(D @ B)[run.x.recorded], np.eye(B.shape[1])[run.u.recorded]])
@@ -92,7 +94,7 @@ def displacement(run: PreparedRun) -> tuple[Array, Array]:
 
 
 def velocity(run: PreparedRun) -> tuple[Array, Array]:
-    """Rates dz/dt (n, m) [m/s] from v by geometry, with their noise covariance (m, m)."""
+    """Estimate dz/dt (n, m) [m/s] from v, sample by sample, and its noise covariance (m, m)."""
     D = coordinates_to_meshes(run.model.layout)
     there = run.v.recorded
     seen = (run.v.values + run.waves.e_rate)[:, there]
@@ -105,7 +107,7 @@ def least_squares(rows: Array, sigma: Array, values: Array, wanted: Array) -> tu
     Args:
         rows: (k, s) matrix from the unknowns to the channels.
         sigma: (k,) standard deviation of the noise of each channel.
-        values: (n, k) of the channels.
+        values: (n, k) samples of the channels.
         wanted: (m, s) linear combinations of the unknowns to estimate.
 
     Returns:
@@ -127,9 +129,9 @@ def least_squares(rows: Array, sigma: Array, values: Array, wanted: Array) -> tu
 
 
 def smooth(z: Array, P: Array, rate: Array, V: Array, step_s: float) -> tuple[Array, Array]:
-    """Smooth z (n, m) with noise covariance P by the integral of its rates with covariance V.
+    """Smooth z (n, m) with noise covariance P, given its rates (n, m) with noise covariance V.
 
-    A random-walk smoother. P and V are diagonalised together, so that each component zeta
+    A random-walk smoother: P and V are diagonalised together, so that each component zeta
     minimises the sum of (zeta - y)^2 + (d zeta - w)^2 / q, with y from z and the increments w from
     the rates: a tridiagonal system. The error of the quadrature of w is estimated from the data
     and added to q.
@@ -153,7 +155,7 @@ def smooth(z: Array, P: Array, rate: Array, V: Array, step_s: float) -> tuple[Ar
 
 
 def increments(rate: Array, step_s: float) -> Array:
-    """Integral (n - 1, m) of rates (n, m) over each step: Newton-Cotes, trapezoids at the ends."""
+    """Integrate rates (n, m) over each step (n - 1, m): ``QUADRATURE``, trapezoids at the ends."""
     w = step_s * 0.5 * (rate[1:] + rate[:-1])
     n = len(rate)
     if n >= len(QUADRATURE):
@@ -163,15 +165,16 @@ def increments(rate: Array, step_s: float) -> Array:
 
 
 def quadrature_covariance(rate: Array, V: Array, step_s: float) -> tuple[Array, Array]:
-    """Covariance of the error of ``increments`` of rates (n, m) with noise covariance V.
+    """Estimate the covariance of the quadrature error of ``increments``.
 
-    From the spectrum of the rates and the transfer functions of rule and integral. Above half of
-    the sampling rate, where samples don't tell frequencies apart, the spectrum goes on from its
-    last eighth with the power -6 of the frequency: at a contact the acceleration has a kink.
+    It follows from the spectrum of the rates (n, m), less their noise covariance V, and from the
+    transfer functions of quadrature and integral. Above half of the sampling rate the spectrum is
+    extrapolated from its last eighth with the power -6 of the frequency, as the acceleration has
+    a kink at a contact.
 
     Returns:
         Estimate (m, m), which scatters about zero to both sides where there is no such error, and
-        the standard deviation (m, m) of its scatter by the noise of the rates.
+        its standard deviation (m, m) by the noise of the rates.
     """
     n = len(rate)
     bell = np.hanning(n + 2)[1:-1]
@@ -190,7 +193,7 @@ def quadrature_covariance(rate: Array, V: Array, step_s: float) -> tuple[Array, 
 
 
 def _tridiagonal(y: Array, w: Array, q: float) -> Array:
-    """Minimiser (n,) of the sum of (zeta - y)^2 + (d zeta - w)^2 / q."""
+    """Return the zeta (n,) that minimises the sum of (zeta - y)^2 + (d zeta - w)^2 / q."""
     band = np.zeros((2, len(y)))
     band[1] = 1.0 + 2.0 / q
     band[1, [0, -1]] = 1.0 + 1.0 / q
@@ -203,7 +206,11 @@ def _tridiagonal(y: Array, w: Array, q: float) -> Array:
 
 
 def _variance_left(q: float, missed: float) -> float:
-    """Variance of a smoothed component whose y has unit noise, by its transfer functions."""
+    """Return the noise variance after ``smooth`` of a component whose variance before is 1.
+
+    Computed from the transfer functions of the smoother. ``q``: noise variance of the rate times
+    step^2; ``missed``: variance of the quadrature error.
+    """
     theta = (np.arange(512) + 0.5) * np.pi / 512
     curve = 2.0 - 2.0 * np.cos(theta)
     rule = 2.0 * sum(c * np.cos((j + 0.5) * theta) for j, c in enumerate(QUADRATURE[3:]))
@@ -214,7 +221,7 @@ def _variance_left(q: float, missed: float) -> float:
 
 
 def to_meshes(D: Array, z: Array) -> Array:
-    """D z (n, n_mesh), NaN only for meshes that depend on a NaN coordinate."""
+    """Return D z (n, n_mesh) of coordinates (n, m); a NaN coordinate affects its meshes alone."""
     bad = np.isnan(z).any(axis=0)
     through: Array = np.where(bad, 0.0, z) @ D.T
     through[:, np.abs(D) @ bad > 0.0] = np.nan
@@ -222,7 +229,7 @@ def to_meshes(D: Array, z: Array) -> Array:
 
 
 def mesh_sigma(D: Array, covariance: Array) -> Array:
-    """Standard deviation (n_mesh,) of D z from the covariance of z."""
+    """Return the standard deviation (n_mesh,) of D z from the covariance of z; NaN if unknown."""
     bad = np.isnan(np.diag(covariance))
     variance = np.einsum("mi,ij,mj->m", D, np.nan_to_num(covariance), D)
     sigma: Array = np.where(np.abs(D) @ bad > 0.0, np.nan, np.sqrt(np.maximum(variance, 0.0)))

@@ -1,9 +1,9 @@
 """Distribution of the force-law residual over meshes, contact, phase, load and temperature.
 
-The chi2 above the noise floor is divided among the values of each factor. Repetition with the
-teeth of a member and with the orders of the input shaft is tested against chance; for teeth the
-mesh cycles of a run are permuted, so that neither correlation within a cycle nor the level of a
-run counts as repetition.
+The chi2 above the noise is divided among the values of each of these factors. Two tests look for a
+residual that repeats with each revolution of sun, planets or ring against the carrier (a faulty
+tooth) or with an order of the input shaft. The first compares with random permutations of the mesh
+cycles of a run, so that neither correlation within a cycle nor the level of a run counts.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.gap.data.prepared import MeshTable, PreparedRun
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw
 
-PHASES = 12
+PHASES = 12  # bins of a mesh cycle
 SHAFT_ORDERS = 60
-BETWEEN = (-0.6, -0.5, -0.4, 0.4, 0.5, 0.6)
+BETWEEN = (-0.6, -0.5, -0.4, 0.4, 0.5, 0.6)  # from an order to the orders it is compared with
+# Parameter with the number of teeth: mesh cycles of one revolution against the carrier.
 ROTATIONS = {"sun": "z_s", "planet": "z_p", "ring": "z_r"}
 
 
 @dataclass(frozen=True)
 class Share:
-    """Where a residual lies: its squares in units of the noise, by the values of one factor.
+    """Distribution of a residual over the m values of one factor, such as the mesh.
 
     Attributes:
-        labels: the m values of the factor, such as names of meshes or ``back``, ``apart``,
+        labels: the values of the factor, such as names of meshes or ``back``, ``apart``,
             ``drive``.
-        reduced_chi2: (m,) mean square of the residual at each value: 1 is noise.
-        share: (m,) part of the squares above the noise that lies at each value; the sum is 1, or 0
-            if no value is above the noise.
+        reduced_chi2: (m,) mean square of residual over noise at each value: 1 for noise alone.
+        share: (m,) fraction of the chi2 above the noise at each value; the sum is 1, or 0 if no
+            value is above the noise.
     """
 
     labels: tuple[str, ...]
@@ -46,9 +47,9 @@ class Periodicity:
     """Test of a residual for repetition with a tooth or a shaft order.
 
     Attributes:
-        labels: meshes or orders.
-        strength: test statistic of each label.
-        threshold: value that the largest statistic exceeds by chance once in a thousand.
+        labels: names of the m meshes, or m shaft orders as text.
+        strength: (m,) test statistic of each label.
+        threshold: value that the largest of the m statistics exceeds by chance once in a thousand.
     """
 
     labels: tuple[str, ...]
@@ -69,9 +70,9 @@ class Location:
 
     Attributes:
         shares: by factor: mesh, kind, planet, side, contact, phase, T_1, delta_T, Omega, modes.
-        teeth: by member (sun, planet, ring): repetition once per turn against the carrier, for
-            each mesh.
-        shaft: repetition with the orders 1 ... 60 of the input shaft against ground.
+        teeth: by member (sun, planet, ring): whether the residual of each mesh repeats with every
+            revolution of the member against the carrier.
+        shaft: whether the residual repeats with the orders 1 ... 60 of the input shaft.
     """
 
     shares: Mapping[str, Share]
@@ -86,14 +87,14 @@ def locate(
     rng: np.random.Generator,
     permutations: int = 200,
 ) -> Location:
-    """Distribute the residual of the force law over meshes, operating points, teeth and orders.
+    """Distribute the force-law residual over meshes and other factors; test it for repetition.
 
     Args:
         runs: fit runs.
         laws: force law of each run.
         meshes: kind, side and planet of each mesh.
-        rng: for the permutations.
-        permutations: number of them.
+        rng: for the permutations of mesh cycles.
+        permutations: number of permutations.
     """
     p = runs[0].model.parameters
     units = [law.residual_n / law.sigma_n for law in laws]
@@ -114,7 +115,7 @@ def _shares(
     units: Sequence[Array],
     meshes: MeshTable,
 ) -> dict[str, Share]:
-    """Shares by each factor, from residuals in units of their noise (n, n_mesh) of each run."""
+    """Distribute the residuals of the runs, in units of noise (n, n_mesh), over every factor."""
     square = np.concatenate([u**2 for u in units])
     shares = {"mesh": _along_meshes(square, np.arange(len(meshes.names)), meshes.names)}
     shares["kind"] = _along_meshes(square, meshes.kind, ["sp", "rp"])
@@ -133,7 +134,7 @@ def _shares(
 
 
 def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str) -> Share:
-    """Shares of the runs, in the order of ``factor`` of their operating point."""
+    """Distribute the residual over the runs, sorted by ``factor`` of their operating point."""
     order = np.argsort([run.point[factor] for run in runs], kind="stable")
     labels = [f"{runs[i].point[factor]:g} ({runs[i].name})" for i in order]
     rank = [np.full(units[i].shape, place) for place, i in enumerate(order)]
@@ -142,12 +143,12 @@ def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str)
 
 
 def _along_meshes(square: Array, of_mesh: Indices, labels: Sequence[str]) -> Share:
-    """Shares by a factor (n_mesh,) of the meshes."""
+    """Distribute squares (n, n_mesh) over labels; ``of_mesh`` (n_mesh,) is the label's index."""
     return _over(square, np.broadcast_to(of_mesh, square.shape), labels)
 
 
 def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
-    """Shares of squares (n, m) by the factor ``values`` (n, m), an index of ``labels``."""
+    """Distribute squares (n, m) over labels; ``values`` (n, m) is the index of the label."""
     known = np.isfinite(square)
     at = values[known]
     chi2 = np.bincount(at, square[known], minlength=len(labels))
@@ -159,12 +160,15 @@ def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
 
 
 def _phase_bin(phase: Array) -> Indices:
-    """Indices (n,) of the part of the mesh cycle, 0 ... PHASES - 1."""
+    """Return the bin (n,) of the mesh cycle, 0 ... PHASES - 1, of phases (n,) [rad]."""
     return np.floor(np.mod(phase, 2.0 * np.pi) / (2.0 * np.pi) * PHASES).astype(int) % PHASES
 
 
 def _modes(unit: Array, meshes: MeshTable) -> Share:
-    """Shares of the sum and the difference of the sides, equal on all planets or not, by kind."""
+    """Distribute the residual over modes of the sides and planets, for each kind of mesh.
+
+    Modes: sum and difference of the sides, each as mean over the planets and deviation from it.
+    """
     n = int(meshes.planet.max()) + 1
     r = np.nan_to_num(unit).reshape(len(unit), 2, 2, n)
     labels, sums = [], []
@@ -182,9 +186,9 @@ def _modes(unit: Array, meshes: MeshTable) -> Share:
 
 
 def _cycles(run: PreparedRun, unit: Array) -> tuple[Indices, Array]:
-    """Numbers (c,) of the mesh cycles, and the residual over phase in each (c, PHASES, m).
+    """Bin a residual (n, m) by mesh cycle and phase: cycle numbers (c,), values (c, PHASES, m).
 
-    A value is the mean of the samples in its phase bin times the root of their number.
+    A value is the mean of the samples in its bin times the root of their number.
     """
     cycle = np.floor(run.phase / (2.0 * np.pi)).astype(int)
     place = (cycle - cycle[0]) * PHASES + _phase_bin(run.phase)
@@ -205,8 +209,8 @@ def _teeth(
 ) -> Periodicity:
     """Test, for each mesh, whether the residual repeats after ``length`` mesh cycles.
 
-    The statistic is the largest chi2 of the mean residual at one position of the turn, over the
-    variance of the mesh cycles of the run: large where one tooth differs from the others.
+    The statistic is the sum over the runs of ``_repeats``, on residuals of the variance 1: large
+    where one tooth differs from the others. ``cycles``: result of ``_cycles`` for each run.
     """
     strength = np.zeros(len(names))
     chance = np.zeros((permutations, len(names)))
@@ -223,7 +227,11 @@ def _teeth(
 
 
 def _repeats(flat: Array, number: Indices, length: int) -> Array:
-    """Largest chi2 (m,) of the mean residual at one position of the turn."""
+    """Return the largest chi2 (m,) of the mean residual at a position in the revolution.
+
+    ``flat``: (c, PHASES, m) residual of the mesh cycles ``number`` (c,); ``length``: cycles of a
+    revolution.
+    """
     fold = np.mod(number, length)
     counts = np.bincount(fold, minlength=length)
     membership = np.zeros((length, len(flat)))
@@ -237,15 +245,16 @@ def _repeats(flat: Array, number: Indices, length: int) -> Array:
 def shaft_order_periodicity(
     phases: Sequence[Array], residuals: Sequence[Array], turn: float
 ) -> Periodicity:
-    """Power at the orders 1 ... 60 of the input shaft to ground over that between the orders.
+    """Test residuals for repetition with the orders 1 ... 60 of the input shaft against ground.
 
-    An order near a multiple, or a simple fraction, of the mesh order (``turn``) can't be separated
-    from the motion itself. Channels of one run count as one observation, as they are correlated.
+    The statistic is the spectral power at an order over that between the orders. An order near a
+    multiple, or a simple fraction, of the mesh order (``turn``) can't be separated from the motion
+    itself. Channels of one run count as one observation, as they are correlated.
 
     Args:
         phases: (n,) mesh phase of each run [rad].
         residuals: (n, m) of each run, of the force law or of the balance.
-        turn: mesh cycles of one turn, z_s z_r / (z_s + z_r).
+        turn: mesh cycles of one revolution of the shaft, z_s z_r / (z_s + z_r).
     """
     orders = np.arange(1, SHAFT_ORDERS + 1)
     at = (orders[:, None] + np.array([0.0, *BETWEEN])).ravel()

@@ -19,21 +19,21 @@ from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
 
 SPEED_TOLERANCE = 2e-3  # relative, of a mesh frequency against that of the other runs
-GEOMETRY_TOLERANCE = 0.2  # of the scales of u and e(t) against those of the other runs
-LEAST_MOTION = 0.5  # least share of motion, not noise, in the squares of u and of its slope
+GEOMETRY_TOLERANCE = 0.2  # of ``geometry_scales`` against those of the other runs
+LEAST_MOTION = 0.5  # least fraction of motion, not noise, in the squares of u and of its slope
 COLLINEAR = 0.9  # squared correlation of u and e(t) from which their scales can't be separated
-OTHER_LAW = 0.5  # unexplained share of the force above which a run has another force law
-SAME_LAW = 0.1  # unexplained share below which a run follows the nominal law
+OTHER_LAW = 0.5  # unexplained fraction of the force above which a run has another law
+SAME_LAW = 0.1  # unexplained fraction below which a run follows the nominal law
 
 
 def speed_ratio(run: PreparedRun) -> float:
-    """Mesh frequency over the nominal Omega omega_n."""
+    """Return the mesh frequency of a run over the nominal Omega omega_n."""
     p, s = run.model.parameters, run.model.scales
     return run.omega_rad_per_s / (p.Omega * s.omega_n)
 
 
 def most_common_ratio(ratios: Sequence[float]) -> float:
-    """The speed ratio with most others within tolerance; among equals the one nearest to 1."""
+    """Return the ratio that most others agree with to ``SPEED_TOLERANCE``; if tied, nearest 1."""
     values = np.array(ratios)
     agreeing = (np.abs(values[:, None] / values - 1.0) < SPEED_TOLERANCE).sum(axis=1)
     most = values[agreeing == agreeing.max()]
@@ -41,7 +41,7 @@ def most_common_ratio(ratios: Sequence[float]) -> float:
 
 
 def mesh_speed_mismatch(run: PreparedRun, ratio: float, common: float) -> Finding | None:
-    """A finding if the speed ratio of a run differs from that of the other runs."""
+    """Return a fatal finding if the ``speed_ratio`` of a run differs from the common one."""
     if abs(ratio / common - 1.0) < SPEED_TOLERANCE:
         return None
     text = (
@@ -54,16 +54,17 @@ def mesh_speed_mismatch(run: PreparedRun, ratio: float, common: float) -> Findin
 
 
 def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
-    """Findings for runs whose relation between x, u and e(t) differs from most runs.
+    """Return a fatal finding for each run whose ``geometry_scales`` differ from most runs.
 
-    A sensor error is the same in all runs, and so doesn't show here.
+    A sensor error is the same in all runs, and so doesn't show here. With scales of
+    fewer than three runs there are no findings.
     """
     scales = np.array([geometry_scales(run) for run in runs]).reshape(-1, 2)
     known = np.isfinite(scales).all(axis=1)
     if known.sum() < 3:
         return []
     decides = known & np.isin([run.name for run in runs], [r.name for r in deciding(runs)])
-    # Of two runs neither is the usual one.
+    # Of two fit runs that differ, neither could be called usual.
     usual = np.median(scales[decides if decides.sum() >= 3 else known], axis=0)
     findings = []
     for run, (of_u, of_e), finite in zip(runs, scales, known, strict=True):
@@ -81,11 +82,12 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def geometry_scales(run: PreparedRun) -> tuple[float, float]:
-    """Median (g, h) over the meshes of x + e = g G u + h e, with G = D B; ideally (1, 0).
+    """Fit x + e = g G u + h e, with G = D B, at each mesh; return the medians (g, h).
 
-    A delay between x and u is fitted too, and lines once a turn of each body, as gratings off
-    centre show. The noise of u is subtracted from the normal equations, as it would bias g. NaN
-    where u is incomplete, or its motion too small or collinear with e.
+    Ideally they are (1, 0). Delays of u and e are fitted too, and one oscillation per revolution
+    of each body, as eccentric gratings cause. The noise of u is subtracted from the normal
+    equations, as it would bias g. NaN where u is incomplete, x is absent, or the motion is too
+    small or collinear with e.
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
@@ -113,14 +115,20 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
 
 
 def _once_a_turn(run: PreparedRun) -> Array:
-    """Orthonormal columns (n, 7): a constant, and lines once a turn of suns, carrier, planets."""
+    """Return orthonormal columns (n, 7) that span a constant and once-per-revolution oscillations.
+
+    Revolutions of suns, carrier and planets, with a cosine and a sine each.
+    """
     angles = [run.phase / cycles for cycles in cycles_per_shaft_turn(run.model).values()]
     waves = [wave(angle) for angle in angles for wave in (np.cos, np.sin)]
     return np.linalg.qr(np.stack([np.ones(len(run)), *waves], axis=1))[0]
 
 
 def unexplained_force_shares(run: PreparedRun, fused: Fused) -> Array:
-    """RMS residual of the nominal force law beyond its noise, over the RMS force (n_mesh,)."""
+    """Return the RMS residual of the nominal force law beyond its noise, over the RMS force.
+
+    (n_mesh,), NaN at meshes without x, v or F.
+    """
     law = force_law(run, fused, np.ones(6))
     beyond = np.mean(law.residual_n**2, axis=0) - np.mean(law.sigma_n**2, axis=0)
     share: Array = np.sqrt(np.maximum(beyond, 0.0) / np.mean(run.F.values**2, axis=0))
@@ -130,15 +138,15 @@ def unexplained_force_shares(run: PreparedRun, fused: Fused) -> Array:
 def runs_with_other_force_law(
     runs: Sequence[PreparedRun], shares: Mapping[str, Array]
 ) -> list[Finding]:
-    """Findings for runs whose force law fails on every mesh while all fit runs follow it.
+    """Return findings on runs whose force law fails on every mesh while other fit runs follow it.
 
     Inside the range of operating points of the fit runs this is another gear; outside, it may be
-    an effect that acts only there. Only fit runs are left out: held-out runs must not be selected
-    by their residual.
+    an effect that acts only there. The finding is fatal only for a fit run inside the range:
+    held-out runs must not be selected by their residual.
 
     Args:
-        runs: those with forces.
-        shares: ``unexplained_force_shares`` of each, by name of the run.
+        runs: runs with forces; with fewer than four there are no findings.
+        shares: finite values of ``unexplained_force_shares``, by name of the run.
     """
     if len(runs) < 4:
         return []
@@ -168,11 +176,11 @@ def runs_with_other_force_law(
 
 
 def nominal_mismatch(common: float, shares: Sequence[Array]) -> Finding | None:
-    """A finding, fatal for the campaign, if the nominal file doesn't describe the rig.
+    """Return a finding, fatal for the campaign, if the nominal file doesn't describe the rig.
 
     Args:
-        common: mesh frequency of most runs over the nominal one.
-        shares: ``unexplained_force_shares`` of each run with forces, (n_mesh,) each.
+        common: ``speed_ratio`` of most runs.
+        shares: finite values of ``unexplained_force_shares`` of each run with forces.
     """
     text = ""
     if abs(common - 1.0) > SPEED_TOLERANCE:

@@ -1,4 +1,4 @@
-"""Torque balance without force sensors, with the forces of the calibrated force law.
+"""Torque balance of runs without force sensors, with the forces of the calibrated force law.
 
 Eight accelerations depend on twelve mesh forces, so that meshes on the same body can't be
 separated, nor can a common factor on all forces be separated from the inertias. The noise of the
@@ -44,14 +44,14 @@ WIDTH = 0.08  # of the window, mesh cycles: averages the noise of dv/dt, but pas
 def motion_balance(
     run: PreparedRun, fused: Fused, noise: Fused, factors: Array, inverse: Array
 ) -> Balance:
-    """Measured accelerations of a run and those expected from the forces of the law.
+    """Return the torque balance of a run with the mesh forces of the force law.
 
     Args:
         run: with x (or u) and v.
-        fused: of the run.
+        fused: its fused motion.
         noise: ``fused_noise`` of the run.
         factors: (6,) on k, c and e, in the order of ``recalibrate.NAMES``.
-        inverse: (3,) on 1/M_s, 1/M_p, 1/M_c.
+        inverse: (3,) factors on 1/M_s, 1/M_p, 1/M_c.
     """
     law = force_law(run, fused, factors)
     k_f, _, _ = by_mesh(factors, run.x.recorded.size)
@@ -64,7 +64,7 @@ def motion_balance(
 
 
 def fused_noise(run: PreparedRun, rng: np.random.Generator) -> Fused:
-    """Fuse a realisation of the sensor noise alone: the noise of fused z, x and v."""
+    """Fuse a realisation of the sensor noise alone: the noise of z, x, v and their rates."""
     none = np.zeros((len(run), run.x.recorded.size))
 
     def drawn(measured: Measured) -> Measured:
@@ -81,9 +81,16 @@ def recalibrate_motion(
     rng: np.random.Generator,
     rounds: int = 4,
 ) -> tuple[Calibration, InertiaFactors]:
-    """Force law and inertias inside their tolerance from the motion of the fit runs, together.
+    """Fit the factors on force law and inertias together to the motion of the fit runs.
 
-    Coordinates whose residual stays above the floor count less, as in ``recalibrate``.
+    Factors stay inside their tolerances. Coordinates whose residual exceeds its noise are
+    down-weighted, as in ``recalibrate``.
+
+    Args:
+        runs: those of the role ``fit`` are used.
+        fused: fused motion of each run.
+        rng: for the realisations of the noise.
+        rounds: Gauss-Newton steps.
     """
     chosen = [(r, f, fused_noise(r, rng)) for r, f in zip(runs, fused, strict=True)]
     chosen = [case for case in chosen if case[0].role == "fit"]
@@ -109,7 +116,10 @@ def recalibrate_motion(
 
 
 def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:
-    """Whitened Jacobian (9, k m) of the expected accelerations, and residual (k m,)."""
+    """Return the whitened Jacobian (9, k m) of the expected accelerations and the residual (k m,).
+
+    m counts the known coordinates; ``p``: (9,) factors on k, c, e (6) and 1/M (3).
+    """
     balance = motion_balance(run, fused, noise, p[:6], p[6:])
     spread = balance.sigma * np.sqrt(np.maximum(balance.reduced_chi2, 1.0) * balance.overlap)
     window = window_of(run, WIDTH)

@@ -1,8 +1,8 @@
 """Recalibration: fit nominal parameters inside the tolerances of the data sheet.
 
-Six factors: on k, c and e of the sun meshes and of the ring meshes. Recorded x contains the
-nominal e(t), so a rig with the mesh error (1 + s) e has the displacement x - s e. Tolerances are
-hard bounds with a narrow prior, so that the factors don't absorb effects that the model lacks.
+Six factors: on k, c and e of the sun meshes and of the ring meshes. The nominal e(t) is subtracted
+in x, so a rig with the mesh error (1 + s) e has the displacement x - s e. Tolerances are hard
+bounds with a narrow prior, so that the factors don't absorb effects that the model lacks.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
 
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
-# c follows xi, the root of k and the masses of Eq. (11), each within 2 %.
+# Largest deviation of each factor from 1. c follows xi, the root of k and the masses of Eq. (11),
+# each within 2 %.
 BOUNDS = np.array([0.02, 0.02, 0.04, 0.04, 0.02, 0.02])
 LIGHTEST, HEAVIEST = 0.98, 1.02  # bounds of the factors on the inertias
 
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """The force law of a run with its residual and noise; arrays (n, n_mesh).
+    """Force law evaluated on the motion of a run, with residual and noise; arrays (n, n_mesh).
 
     Attributes:
-        modelled_n: k(t) f(x) + c v [N].
+        modelled_n: mesh forces k(t) f(x) + c v [N].
         residual_n: measured minus modelled [N].
         sigma_n: standard deviation of the residual by the noise of F, x and v [N].
         x_m, v_m_per_s: displacement and rate with the factors on e(t) applied.
@@ -50,13 +51,13 @@ class ForceLaw:
 
     @property
     def reduced_chi2(self) -> Array:
-        """Mean square (n_mesh,) of residual over sigma: 1 where the law holds."""
+        """Mean over the samples (n_mesh,) of (residual / sigma)^2: 1 if the law holds."""
         chi2: Array = np.mean((self.residual_n / self.sigma_n) ** 2, axis=0)
         return chi2
 
     @property
     def flank(self) -> Indices:
-        """Contact (n, n_mesh): 0 on the back flank, 1 apart, 2 on the driving flank."""
+        """Contact state (n, n_mesh): 0 on the back flank, 1 apart, 2 on the driving flank."""
         return np.asarray(np.where(self.contact > 0.5, np.where(self.x_m > 0.0, 2, 0), 1))
 
 
@@ -84,13 +85,13 @@ class InertiaFactors:
 
     @property
     def inverse(self) -> Array:
-        """Factors on 1 / M, as ``balance.torque_balance`` takes them."""
+        """Factors (3,) on 1/M_s, 1/M_p and 1/M_c, as ``balance.torque_balance`` takes them."""
         inverse: Array = 1.0 / self.factors
         return inverse
 
 
 def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
-    """Evaluate the force law on fused x and v, with factors (6,) on k, c and e (``NAMES``)."""
+    """Evaluate the force law on fused x and v of a run, with factors (6,), see ``NAMES``."""
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
     k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
     x = fused.x - (e_f - 1.0) * run.waves.e
@@ -102,10 +103,10 @@ def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
 
 
 def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
-    """Force law as a function of the motion, for ``quadrature_correction``.
+    """Return the force law as a function of the motion, for ``quadrature_correction``.
 
     Args:
-        run: whose operating point and nominal waves are used.
+        run: whose model and mesh frequency are used; ``delay_rad`` and ``e_share`` are ignored.
         factors: (6,) on k, c and e, see ``NAMES``.
 
     Returns:
@@ -126,14 +127,14 @@ def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
 def recalibrate(
     runs: Sequence[PreparedRun], fused: Sequence[Fused], rounds: int = 5
 ) -> Calibration:
-    """Fit the factors on k, c and e to runs with forces.
+    """Fit the factors on k, c and e to the measured forces of the fit runs.
 
     A mesh whose residual exceeds its noise in a run is down-weighted there, as if its noise were
     as large as the residual: an effect on one mesh does not bias the factors.
 
     Args:
         runs: those of the role ``fit`` are used.
-        fused: of each run.
+        fused: fused motion of each run.
         rounds: Gauss-Newton steps.
     """
     factors = np.ones(6)
@@ -151,19 +152,19 @@ def recalibrate(
 
 
 def bounded_step(normal: Array, right: Array, low: Array, high: Array) -> Array:
-    """Solution (p,) of the normal equations between the bounds ``low`` and ``high`` (p,)."""
+    """Solve normal equations (p, p), (p,) for a step (p,) between bounds ``low`` and ``high``."""
     root = np.linalg.cholesky(normal).T
     return np.asarray(lsq_linear(root, np.linalg.solve(root.T, right), (low, high)).x)
 
 
 def names_at_bound(factors: Array) -> tuple[str, ...]:
-    """Names of the factors (6,) on a bound of their tolerance."""
+    """Return the names of those of the factors (6,) that lie on a bound of their tolerance."""
     on = np.abs(factors - 1.0) > 0.999 * BOUNDS
     return tuple(name for name, held in zip(NAMES, on, strict=True) if held)
 
 
 def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[Array, Array]:
-    """Normal matrix (6, 6) and right side (6,) of a step of the factors, by one run."""
+    """Return the contribution of a run to normal matrix (6, 6) and right side (6,) of a step."""
     law = force_law(run, fused, factors)
     n = run.x.sigma.size
     k_f, c_f, _ = by_mesh(factors, n)
@@ -188,5 +189,5 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
 
 
 def by_mesh(factors: Array, n_mesh: int) -> Array:
-    """Factors (3, n_mesh) on k, c and e of each mesh, from those of both kinds (6,)."""
+    """Expand factors (6,) on k, c and e of both kinds of mesh to each mesh, (3, n_mesh)."""
     return np.asarray(np.repeat(factors, n_mesh // 2).reshape(3, n_mesh))

@@ -19,7 +19,7 @@ class ForceResidual:
     """Measured minus modelled force of each mesh that has x, v and F.
 
     Attributes:
-        meshes: k names.
+        meshes: names of the k meshes.
         residual_n: (n, k) [N].
         force_n: (n, k) measured [N].
     """
@@ -36,14 +36,14 @@ class ForceResidual:
 
     @property
     def shares(self) -> Array:
-        """Share (k,) of each mesh in the energy of the residual; sums to 1."""
+        """Fraction (k,) of the sum of squared residuals at each mesh; the sum is 1."""
         energy = self.rms_n**2
         shares: Array = energy / max(energy.sum(), np.finfo(float).tiny)
         return shares
 
 
 def force_residual(model: Model, series: TimeSeries) -> ForceResidual:
-    """Residual r = F - (k(t) f(x) + c v) with the stiffness, backlash and damping of the model.
+    """Return F - (k(t) f(x) + c v) with the stiffness, backlash and damping of the model.
 
     Args:
         model: built for the operating point of the recording (delta_T sets the backlash).

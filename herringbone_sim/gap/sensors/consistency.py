@@ -1,9 +1,9 @@
-"""Consistency of the motion sensors: x = D B u - e and dx/dt = v, whatever the law of the gear.
+"""Consistency of the motion sensors: x = D B u - e and dx/dt = v hold whatever the force law.
 
 Twelve x, twelve v and nine u measure eight coordinates and their rates. The channels minus their
 least-squares fit, and the increments of z minus the integral of dz/dt, are noise unless a sensor
-is wrong. An error of a channel adds a known time course to its values, and so a known pattern to
-these residuals.
+is wrong. An error of a channel adds a known signal to its values, and so a known pattern to these
+residuals.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from herringbone_sim.gap.residuals.fusion import (
     velocity,
 )
 
-CHANCE_SD = 3.0  # standard deviations that chance exceeds in one of 740
+CHANCE_SD = 3.0  # standard deviations; noise exceeds them once in 740 on one side
 KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def consistency_chi2(
     runs: Sequence[PreparedRun], noise_of: Sequence[PreparedRun] | None = None
 ) -> float:
-    """Chi2 per degree of freedom of the relations between x, v and u: 1 where they agree.
+    """Return chi2 per degree of freedom of the relations between x, v and u: 1 if they agree.
 
-    0 where the motion sensors measure nothing twice.
+    0 if there are no relations, as no quantity is measured twice.
 
     Args:
-        runs: whose sensors are compared.
-        noise_of: a run for each, by whose noise the increments are whitened, see ``relations``;
-            all else is over the noise of ``runs``. None: ``runs``.
+        runs: runs whose sensors are compared.
+        noise_of: for each run, the run whose noise whitens the increments, see ``relations``; all
+            else is whitened by the noise of ``runs``. None: ``runs``.
     """
     chi2 = count = 0.0
     for run, other in zip(runs, noise_of or runs, strict=True):
@@ -53,7 +53,7 @@ def consistency_chi2(
 
 
 def _degrees_of_freedom(residual: Array, columns: Array) -> float:
-    """Degrees of freedom of residuals (k, d) that depend on the channels by ``columns`` (d, J)."""
+    """Return the degrees of freedom of residuals (k, d) with the matrix ``columns`` (d, J)."""
     if not columns.size:
         return 0.0
     rank = np.linalg.matrix_rank(columns, tol=1e-9 * np.abs(columns).max())
@@ -61,19 +61,21 @@ def _degrees_of_freedom(residual: Array, columns: Array) -> float:
 
 
 def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
-    """Change (n, J, 4) of each channel x, v, u by each kind of error (``KINDS``) of a given size.
+    """Return the change (n, J, 4) of each channel x, v, u by each kind of error (``KINDS``).
+
+    It is 0 for channels that are not recorded.
 
     Args:
         run: the run.
-        scale: (J, 4) size of each error [SI].
-        fused: motion of the run.
+        scale: (J, 4) size of each error: relative, [SI], [s], relative.
+        fused: fused motion of the run.
     """
     B = bodies_to_coordinates(run.model)
     rigid = np.ones(B.shape[1])
     rigid[:2] = 2.0
     z = np.nan_to_num(fused.z)
     inverse = np.linalg.pinv(B)
-    # z lacks the rigid rotation; it is taken from u, whose noise is averaged over the bodies.
+    # z lacks the rigid rotation; it is estimated from u by least squares over the bodies.
     there = run.u.recorded
     one = rigid[there] / max(float(rigid[there] @ rigid[there]), 1.0)
     along = (run.u.values - z @ inverse.T)[:, there] @ one
@@ -89,9 +91,9 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
 
 
 def geometric_residuals(run: PreparedRun) -> list[tuple[Array, Array]]:
-    """Whitened residuals (n, d) of x and u, then of v, by geometry alone.
+    """Return two whitened residuals (n, d) about the geometry: of x with u, and of v.
 
-    Each comes with a matrix (d, J) by which the channels x, v, u enter it.
+    Each comes with the matrix (d, J) by which the J channels x, v, u enter it.
     """
     D, B = coordinates_to_meshes(run.model.layout), bodies_to_coordinates(run.model)
     n, nu = D.shape[0], B.shape[1]
@@ -109,13 +111,14 @@ def geometric_residuals(run: PreparedRun) -> list[tuple[Array, Array]]:
 
 @dataclass(frozen=True)
 class Relation:
-    """Combinations of channels that are zero up to noise.
+    """d linear combinations of channels that are zero up to noise, at k instants.
 
     Attributes:
         residual: (k, d) whitened values of the combinations.
-        columns: (d, J) matrix by which the channels enter them.
-        signals: (k, J, a) time courses of the channels in the form in which they enter.
-        noise: (J,) variance of a channel's noise in them, over that of a sample.
+        columns: (d, J) matrix by which the J channels x, v, u enter the combinations.
+        signals: (k, J, a) given signals of the channels in the form in which they enter: as they
+            are, as increments (x, u) or as integrals over a step (v).
+        noise: (J,) variance of the noise of ``signals``, over that of a sample of the channel.
     """
 
     residual: Array
@@ -127,12 +130,14 @@ class Relation:
 def relations(
     run: PreparedRun, signals: Array, noise_of: PreparedRun | None = None
 ) -> list[Relation]:
-    """Relations between x and u, among v, and between increments of z and the integral of dz/dt.
+    """Return relations between x and u, among v, and of increments of z with integrals of dz/dt.
+
+    Relations that the recorded channels don't allow are left out.
 
     Args:
         run: the run.
-        signals: (n, J, a) time courses of the channels, for ``Relation.signals``.
-        noise_of: run whose noise the increments are whitened by; None: the run itself.
+        signals: (n, J, a) signals of the channels, for ``Relation.signals``.
+        noise_of: run whose noise whitens the increments; None: the run itself.
     """
     result = [
         Relation(*part, signals, np.ones(signals.shape[1])) for part in geometric_residuals(run)
@@ -156,11 +161,12 @@ def relations(
 
 
 def increment_whitening(run: PreparedRun) -> Array:
-    """Matrix (m, m) that whitens increments of z minus the integral of dz/dt, known ones alone.
+    """Return a matrix (m, m) that whitens the increments of z minus the integral of dz/dt.
 
-    The error of the integral counts as noise. It repeats with the motion, so combinations in
-    which its squares exceed the standard deviation of those of noise, beyond chance, are projected
-    out; as many rows are zero, the others stay as close to themselves as they can.
+    m counts the coordinates whose value and rate are known. The quadrature error counts as noise.
+    As it repeats with the motion, combinations in which its mean square is larger, beyond chance,
+    than the standard deviation of the mean square of noise are projected out: as many rows are
+    zero, the other rows remain as close to the whitened coordinates as possible.
     """
     (_, P), (rate, V) = displacement(run), velocity(run)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
@@ -184,7 +190,7 @@ def increment_whitening(run: PreparedRun) -> Array:
 
 
 def _channel_derivatives(run: PreparedRun) -> Array:
-    """Derivatives of the m coordinates z and of minus their rates with respect to J channels.
+    """Return derivatives of the m coordinates z, and of minus their rates, by the J channels.
 
     Returns:
         (m, J): dz/dx and dz/du in the columns of x and u, -d(dz/dt)/dv in those of v (channels in
@@ -209,13 +215,13 @@ def _channel_derivatives(run: PreparedRun) -> Array:
 
 
 def _remainder(rows: Array, sigma: Array, values: Array, to: Array) -> tuple[Array, Array]:
-    """Whitened residual (n, d) of channels about their least-squares fit, and its matrix (d, J).
+    """Return the whitened residual (n, d) of k channels about their fit, and its matrix (d, J).
 
     Args:
         rows: (k, s) matrix from the unknowns to the channels.
         sigma: (k,) noise of the channels.
         values: (n, k) values of the channels.
-        to: (k, J) place of each channel among all.
+        to: (k, J) 1 at the index of each channel among all J, else 0.
     """
     if len(rows) == 0:
         return np.zeros((len(values), 0)), np.zeros((0, to.shape[1]))
@@ -227,6 +233,6 @@ def _remainder(rows: Array, sigma: Array, values: Array, to: Array) -> tuple[Arr
 
 
 def channel_arrays(run: PreparedRun) -> tuple[Array, Array]:
-    """Channels x, v, u of a run side by side (n, J), and their noise (J,)."""
+    """Return the channels x, v, u of a run side by side (n, J), and their noise (J,)."""
     parts = (run.x, run.v, run.u)
     return np.hstack([m.values for m in parts]), np.concatenate([m.sigma for m in parts])

@@ -1,4 +1,4 @@
-"""Remove sensor effects of known size from x, v, u and the clock of a run."""
+"""Remove sensor effects of known size from the motion channels and the clock of a run."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ UNDO: Mapping[str, Undo] = {
 def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     """Remove sensor effects from x, v, u, a and the clock of a run.
 
-    Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels with
-    an effect that can't be undone are marked as not recorded. A clock that names no channels is
-    that of all.
+    Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels x, v
+    and u with an effect that can't be undone are marked as not recorded. A ``clock_drift`` without
+    channels is that of the whole recording and changes its time stamps.
     """
     for one in actives:
         if one.effect.id == "clock_drift" and not one.chosen.get("channels"):
@@ -49,7 +49,7 @@ def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
 
 
 def correct_motion_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
-    """``correct_sensors`` by those of the effects that ``is_motion_sensor_effect`` accepts."""
+    """Remove those effects from a run that ``is_motion_sensor_effect`` accepts."""
     return correct_sensors(run, [one for one in actives if is_motion_sensor_effect(one)])
 
 
@@ -61,8 +61,9 @@ def without_sensor_error(
     Args:
         run: the run.
         kind: ``gain``, ``bias``, ``delay``, ``clock`` or ``swap``.
-        names: the channel; two for a swap.
-        size: relative error of the gain, bias [SI], delay [s] or relative error of the clock.
+        names: name of the channel; two for a swap.
+        size: relative error of the gain, bias [SI], delay [s] or relative error of the clock;
+            ignored for a swap.
     """
     if kind == "swap":
         return _swapped(run, names)
@@ -74,7 +75,7 @@ def without_sensor_error(
 
 
 def is_motion_sensor_effect(one: Active) -> bool:
-    """Whether an effect is on a sensor of x, v, u or on the clock, and so can be corrected."""
+    """Whether an effect is one of sensors or clock, and not of force sensors (F) alone."""
     wanted = one.chosen.get("channels", ())
     names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
     return one.effect.level == "sensor" and not (
@@ -83,14 +84,14 @@ def is_motion_sensor_effect(one: Active) -> bool:
 
 
 def _affected_channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
-    """Names of the channels x, v, u and a that a sensor effect acts on."""
+    """Return the names of the channels x, v, u and a that a sensor effect acts on."""
     names = tuple(n for q in QUANTITIES for n in run.model.layout.channels_of(q))
     empty = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
     return tuple(n for n in channels_of(empty, one) if not n.startswith("F"))
 
 
 def _column(run: PreparedRun, name: str) -> tuple[str, int]:
-    """Quantity of a channel and its column in the values of it."""
+    """Return the quantity of a channel, and its column in the values of that quantity."""
     quantity, _, rest = name.partition("_")
     layout = run.model.layout
     if name in (pins := layout.channels_of("pin")):
@@ -99,7 +100,7 @@ def _column(run: PreparedRun, name: str) -> tuple[str, int]:
 
 
 def _with_undo(run: PreparedRun, name: str, undo: Undo, size: float) -> PreparedRun:
-    """Replace the values of one channel by ``undo`` of them."""
+    """Apply ``undo`` to one channel; a gain scales its noise too. No change if not recorded."""
     quantity, j = _column(run, name)
     measured: Measured = getattr(run, quantity)
     if not measured.recorded[j]:
@@ -129,7 +130,7 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
 
 
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
-    """Replace the time stamps (n,) of a run."""
+    """Replace the time stamps (n,) of a run, and compute its nominal waves anew."""
     run = replace(run, times=times)
     return replace(run, waves=waves(run.model, run.phase, run.omega_rad_per_s))
 

@@ -1,8 +1,8 @@
-"""Rotations that lack their mean, see ``data.rotations``: leave them out, or put a mean back.
+"""Rotations that lack their mean, see ``data.rotations``: remove them, or add a nominal mean.
 
-Where other channels allow the force law or the torque balance, such rotations are left out of all
-runs. Where windows of the motion are all that is possible, the nominal gear tells their mean; how
-far the rig is from that is estimated with the motion.
+Where other channels allow the force law or the torque balance, such rotations are removed from all
+runs. Where only trajectories in windows can be fitted, they get the mean of the nominal gear; the
+deviation of the rig from it is estimated with the motion.
 """
 
 from __future__ import annotations
@@ -18,21 +18,24 @@ from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_channels
 
-# Mesh cycles of the nominal gear whose mean is taken, and those before it; chosen for run time.
+# Mesh cycles of the nominal gear that are averaged, and those before them; chosen for run time.
 MEAN_CYCLES, TRANSIENT_CYCLES = 300, 200
 
 
 def settle_detrended(runs: Sequence[PreparedRun]) -> list[PreparedRun]:
-    """Runs with the mean of the nominal gear in rotations without one, or without such rotations.
+    """Give rotations that lack their mean that of the nominal gear, or remove such rotations.
 
-    The fit runs decide for all.
+    All runs are treated alike, by ``only_windows_possible`` of the fit runs.
     """
     kept = only_windows_possible(runs)
     return [with_nominal_means(run) if kept else without_detrended(run) for run in runs]
 
 
 def only_windows_possible(runs: Sequence[PreparedRun]) -> bool:
-    """Whether the fit runs allow nothing but windows of the motion without such rotations."""
+    """Whether fit runs allow only trajectory windows without the rotations that lack their mean.
+
+    False if no rotation lacks its mean, or if not all fit runs have the shafts that windows need.
+    """
     fit = deciding(runs)
     if all(run.means_known for run in fit) or not all(run.shafts_known for run in fit):
         return False
@@ -41,12 +44,12 @@ def only_windows_possible(runs: Sequence[PreparedRun]) -> bool:
 
 
 def without_detrended(run: PreparedRun) -> PreparedRun:
-    """Run without the rotations that lack their mean."""
+    """Mark the rotations of a run that lack their mean as not recorded."""
     return replace(without_channels(run, run.detrended), detrended=())
 
 
 def with_nominal_means(run: PreparedRun) -> PreparedRun:
-    """Run whose rotations without a mean have that of the nominal gear at its operating point."""
+    """Add the mean of the nominal gear at the operating point to rotations that lack one."""
     if run.means_known:
         return run
     lost = np.array([f"u_{body}" in run.detrended for body in run.model.layout.bodies])
@@ -55,14 +58,14 @@ def with_nominal_means(run: PreparedRun) -> PreparedRun:
 
 
 def _law_or_balance(run: PreparedRun) -> bool:
-    """Whether force and displacement of a mesh are known, or the motion of all bodies."""
+    """Whether force and displacement of a mesh are known, or all coordinates."""
     fused = fuse(run)
     known = np.isfinite(fused.x).all(axis=0) & np.isfinite(run.F.values).all(axis=0)
     return bool(known.any() or np.isfinite(fused.z).all())
 
 
 def _nominal_rotations(run: PreparedRun) -> Array:
-    """(n_bodies,) mean rotations of the nominal gear [m]."""
+    """Simulate the nominal gear; return its mean rotations (n_bodies,) [m]."""
     _, settled = simulate(run.model, TRANSIENT_CYCLES)
     series, _ = simulate(run.model, MEAN_CYCLES, settled)
     return np.array([series[f"u_{body}"].mean() for body in run.model.layout.bodies])

@@ -1,6 +1,6 @@
 """Delay and attenuation by a low-pass filter that is common to all channels.
 
-Recorded x contains the nominal e(t), Eqs. (15), (16), but the rotations u don't. Behind a common
+Recorded x contains the nominal e(t), Eqs. (15), (16), but the rotations u don't. After a common
 filter, D B u - x is e(t) with a delay and an attenuation that grows with the square of the
 frequency; both are estimated from its component at the mesh frequency. They are applied to the
 nominal k(t) and e(t) instead of the channels, if they are within the bounds of the data sheet.
@@ -18,16 +18,16 @@ from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.data.waves import waves
 
-LONGEST_S = 5e-6  # longest common delay beside the filter, data sheet
+LONGEST_S = 5e-6  # longest common delay in addition to that of the filter, data sheet
 CORNER = 10.0  # lowest corner frequency of a common filter in omega_n, data sheet
-HALF = 0.5  # largest remaining share of the squared error of e(t), or the delay is not applied
+HALF = 0.5  # largest fraction of the squared error of e(t) that may remain with the delay
 
 
 def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     """Delay and attenuate the nominal waves of the runs as a filter common to all channels does.
 
-    Estimated from the fit runs. Without rotations and displacements, or where no delay explains
-    them, runs are returned as they are.
+    Delay and attenuation are estimated from the fit runs. Without rotations and displacements, or
+    if no permitted delay explains most of their difference, the runs are returned unchanged.
     """
     known = [run for run in deciding(runs) if run.u.complete and run.x.recorded.any()]
     ratios = [(run, _e_ratio(run)) for run in known]
@@ -56,7 +56,10 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
 
 def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
-    """Component of D B u - x at the mesh frequency over that of the nominal e(t) (k,)."""
+    """Return the component of D B u - x at the mesh frequency over that of the nominal e(t).
+
+    Complex (k,), for the k recorded x; 1 without filter.
+    """
     through = bodies_to_meshes(run.model)
     e = (run.u.values @ through.T - run.x.values)[:, run.x.recorded]
     wave = np.exp(-1j * run.phase)
@@ -64,12 +67,12 @@ def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
 
 
 def longest_delay(run: PreparedRun) -> float:
-    """Longest delay common to all channels [s]; a second-order filter delays by 2 / corner."""
+    """Return the longest common delay [s]; a second-order filter delays by 2 / corner."""
     return float(LONGEST_S + 2.0 / (CORNER * run.model.scales.omega_n))
 
 
 def with_delayed_waves(run: PreparedRun, delay: float, e_share: float = 1.0) -> PreparedRun:
-    """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; scale e(t) by ``e_share``."""
+    """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; for ``e_share`` see ``waves``."""
     late = run.omega_rad_per_s * delay
     moved = waves(run.model, run.phase - late, run.omega_rad_per_s, e_share)
     return replace(run, waves=moved, delay_rad=late, e_share=e_share)

@@ -1,4 +1,4 @@
-"""Groups of channels that may have a common error: one quantity at a locus."""
+"""Groups of channels that may have a common error: those of one quantity at a locus."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Group:
         mesh: ``sp``, ``rp`` or ``all`` for x and v; ``s``, ``c``, ``p`` or ``all`` for u.
         planet: ``1`` ... or ``all``.
         side: ``L``, ``R`` or ``all``.
-        names: of the channels.
+        names: names of the channels.
     """
 
     quantity: str
@@ -31,9 +31,9 @@ class Group:
 
 
 def groups_of(layout: Layout, there: Flags | None = None) -> list[Group]:
-    """All groups of the channels x, v and u.
+    """Return all groups of the channels x, v and u.
 
-    Of loci with the same recorded channels, only the smallest is returned.
+    Of loci with the same recorded channels, only that with fewest channels of the layout.
 
     Args:
         layout: of the gear.
@@ -61,7 +61,7 @@ def groups_of(layout: Layout, there: Flags | None = None) -> list[Group]:
 
 
 def sensor_names(layout: Layout) -> tuple[str, ...]:
-    """Names of all channels x, v and u, in the order of the layout."""
+    """Return the names of all J channels x, v and u: by quantity, in the order of the layout."""
     return tuple(name for quantity in "xvu" for name in layout.channels_of(quantity))
 
 

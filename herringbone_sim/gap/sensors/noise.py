@@ -1,8 +1,8 @@
 """Estimate channel noise when campaign.yaml gives none, from consistency and the force law.
 
-The spectrum of a channel contains motion up to its highest frequencies, but misses errors of steps
-that lie in lines. The residuals of x, u and v about the geometry contain no motion, and that of F
-about the force law little.
+The spectrum of a channel contains motion up to its highest frequencies, but misses quantisation
+errors that lie in spectral lines. The residuals of x, u and v about the geometry contain no
+motion, and that of F about the force law contains little.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ LEAST = 0.3  # least noise of a force over that from its spectrum
 
 
 def with_estimated_noise(run: PreparedRun) -> PreparedRun:
-    """Lower the noise of each quantity to that of its residual; that of x may be raised to it.
+    """Lower the noise of x, u, v and F to what their residuals show; that of x may also be raised.
 
-    That of x alone, as that of u is at least that of its steps, which x has where it is computed
-    from them. What is told of a channel stays, and no noise falls below that of its steps.
+    The noise of u is not raised: it is at least the quantisation noise, which x computed from
+    rotations has too. Noise that campaign.yaml gives for a channel stays, and no noise falls below
+    the quantisation noise.
     """
     motion, rate = (_noise_ratio(residual) for residual, _ in geometric_residuals(run))
     if motion > 1.0:
@@ -49,12 +50,11 @@ def with_estimated_noise(run: PreparedRun) -> PreparedRun:
 
 
 def _noise_ratio(residual: Array) -> float:
-    """Noise of whitened residuals (n, d) over the assumed one; 1 where unknown.
+    """Return the actual over the assumed noise of whitened residuals (n, d); 1 where unknown.
 
-    Over the upper half of the band, where no error of a grating lies, and over the combinations
-    that are not zero: errors of steps lie in lines where the motion is periodic, and of channels
-    that were computed from others in fewer combinations than there are. Their median, as a wrong
-    sensor shows in some.
+    The median over the principal components of the upper half of the band, as a wrong sensor shows
+    in a few. Errors of encoder gratings lie below that band. Components near 0 are left out: they
+    occur where channels were computed from others, or quantisation errors lie in spectral lines.
     """
     if not residual.size or not np.isfinite(residual).all():
         return 1.0
@@ -68,7 +68,7 @@ def _noise_ratio(residual: Array) -> float:
 
 
 def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
-    """Factor on the noise of x where the residual of x and u is ``ratio`` times as assumed."""
+    """Return the factor on the noise of x that makes that of x - G u ``ratio`` times as large."""
     both = run.x.recorded.any() and run.u.recorded.any()
     if not both:
         return ratio
@@ -80,5 +80,5 @@ def _ratio_of_x(run: PreparedRun, ratio: float) -> float:
 
 
 def _scaled(measured: Measured, scale: float) -> Measured:
-    """Channels with their noise scaled, but not below that of their steps."""
+    """Return channels with their noise scaled, but not below the quantisation noise."""
     return measured.with_noise(at_least_quantisation(scale * measured.sigma, measured.values))

@@ -12,17 +12,17 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.sensors.consistency import channel_arrays, relations
 from herringbone_sim.gap.sensors.groups import sensor_names
 
-APART = 1.5  # least power of the difference of two channels over that of its noise
+APART = 1.5  # least mean square of the difference of two channels over that of its noise
 
 
 def find_swap(runs: Sequence[PreparedRun]) -> tuple[str, str] | None:
-    """The pair of channels whose exchange improves consistency most; None if none does.
+    """Return the two channels whose exchange improves consistency most; None if none does.
 
-    A swap of a and b adds the recorded difference d of the two to a and subtracts it from b.
-    Undoing it lowers the sum of squared residuals by 2 b - A, with b the inner product of the
-    residuals and the pattern of d, and A its square; the expectation of both by noise is
-    subtracted. Relations of v alone can't show a swap of sun and ring mesh of one planet; those
-    between x and v do.
+    The pair is of one quantity: x, v or u. The exchange adds the difference d of the channels to
+    one and subtracts it from the other. It lowers the sum of squared residuals by 2 r - s, with r
+    the inner product of the residuals and the pattern of d, and s the sum of squares of that
+    pattern; the expectation of both by noise is subtracted. Relations of v alone can't show a swap
+    of sun and ring mesh of one planet; those between x and v do.
     """
     names = sensor_names(runs[0].model.layout)
     pairs = [(i, j) for i, j in combinations(range(len(names)), 2) if names[i][:2] == names[j][:2]]
@@ -35,7 +35,7 @@ def find_swap(runs: Sequence[PreparedRun]) -> tuple[str, str] | None:
 
 
 def _falls(run: PreparedRun, a: Indices, b: Indices) -> Array:
-    """Decrease (p,) of the sum of squared residuals by the exchange of channels a[p] and b[p]."""
+    """Return the decrease (p,) of the sum of squared residuals by exchange of a[p] and b[p]."""
     values, sigma = channel_arrays(run)
     known = np.isfinite(sigma)
     values, variance = np.where(known, values, 0.0), np.where(known, sigma, 0.0) ** 2

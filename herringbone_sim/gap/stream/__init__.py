@@ -1,1 +1,1 @@
-"""Residual of a rig, and comparison with a simulator, while both run."""
+"""Residual of a running rig against its model, and live comparison with a simulator."""

@@ -1,8 +1,8 @@
-"""Residual and motion statistics of a stretch of samples.
+"""Residual and motion statistics of a stretch: consecutive samples at one operating point.
 
-A stretch is fused, recalibrated inside the tolerances and compared with the force law, as in a
-diagnosis; no effects are sought. Two chaotic motions diverge, so rig and simulator are compared by
-statistics.
+The channels are fused, the gear is recalibrated inside its tolerances and compared with the force
+law, as in a diagnosis; no effects are sought. Two chaotic motions diverge, so rig and simulator
+are compared by statistics.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SEED = 20  # of the noise realisation for the noise of the accelerations
 
 
 def model_of_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
-    """The nominal gear as reduced model if channels have no planet numbers, else as full model."""
+    """Return the nominal gear: reduced model if channels have no planet number, else full."""
     plain = any(re.fullmatch(r"[xvF]_(sp|rp)_[LR]", name) for name in names)
     return nominal.changed({"model": "reduced" if plain else "full"})
 
@@ -49,12 +49,15 @@ def model_of_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
 def operating_point(
     series: TimeSeries, nominal: Parameters, declared: Mapping[str, Any]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Operating point of a stretch, and remarks on quantities without a channel.
+    """Return the operating point of a stretch, and remarks on quantities without a channel.
 
     Args:
-        series: samples.
-        nominal: parameters of the data sheet, for quantities that are known nowhere else.
+        series: samples with ``phase``.
+        nominal: parameters of the data sheet, for quantities with neither channel nor declaration.
         declared: parameters that the topic ``channels`` holds.
+
+    Returns:
+        delta_T [K], K, T_1 [N m] and Omega by name; sentences.
     """
     point, remarks = {}, []
     for name in ("delta_T", "K", "T_1"):
@@ -77,7 +80,10 @@ def residual(
     noise_share: float | None = None,
     declared: Mapping[str, Any] | None = None,
 ) -> Residual:
-    """Residual of a stretch of equidistant samples, by mesh or coordinate.
+    """Return the residual of a stretch of equidistant samples, by mesh or coordinate.
+
+    It is that of the force law if x (or u), v and F of a mesh are known, else that of the torque
+    balance.
 
     Args:
         series: samples of any channels of a recording.
@@ -114,7 +120,7 @@ def residual(
 
 
 def motion_statistics(series: TimeSeries, model: Model) -> MotionStatistics:
-    """Statistics of a stretch; contact is determined by the half-backlash of the model."""
+    """Return the statistics of a stretch; the half-backlash of the model determines contact."""
     meshes = model.layout.meshes
     p = model.parameters
     point = {name: float(getattr(p, name)) for name in POINT}
@@ -133,10 +139,10 @@ def motion_statistics(series: TimeSeries, model: Model) -> MotionStatistics:
 def motion_at_operating_point(
     series: TimeSeries, nominal: Parameters, declared: Mapping[str, Any] | None = None
 ) -> MotionStatistics:
-    """Statistics of a stretch, with the nominal gear at its operating point.
+    """Return the statistics of a stretch, with the nominal gear at its operating point.
 
     Args:
-        series: samples.
+        series: samples with ``phase``.
         nominal: parameters of the data sheet.
         declared: parameters that the topic ``channels`` holds.
 
@@ -155,12 +161,12 @@ def motion_at_operating_point(
 def _force_law_residual(
     run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]
 ) -> Residual:
-    """Residual of the force law of meshes with x, v and F.
+    """Return the residual of the force law at meshes with x, v and F.
 
     Args:
         run, fused: the stretch as a run, and its fused motion.
         t_s: time of its last sample [s].
-        remarks: so far.
+        remarks: remarks to which those on missing channels are added.
     """
     calibration = recalibrate([run], [fused], ROUNDS)
     before = force_law(run, fused, np.ones(6))
@@ -192,7 +198,7 @@ def _force_law_residual(
 def _motion_residual(
     run: PreparedRun, fused: Fused, t_s: float, remarks: tuple[str, ...]
 ) -> Residual:
-    """Residual of the torque balance with the forces of the law."""
+    """Return the residual of the torque balance with forces of the law, by coordinate."""
     rng = np.random.default_rng(SEED)
     calibration, inertias = recalibrate_motion([run], [fused], rng, 2)
     noise = fused_noise(run, rng)
@@ -218,11 +224,11 @@ def _motion_residual(
 
 
 def _with_least_noise(measured: Measured) -> Measured:
-    """Raise the noise to ``NOISELESS`` of the RMS where it is less."""
+    """Raise the noise of each channel to at least ``NOISELESS`` times its RMS."""
     rms = np.sqrt(np.mean(measured.values**2, axis=0))
     return replace(measured, sigma=np.maximum(measured.sigma, NOISELESS * rms))
 
 
 def _kinds(names: Iterable[str]) -> str:
-    """Prefixes of the channel names, listed."""
+    """Return the prefixes of channel names as text, such as ``F, phase, x``."""
     return ", ".join(sorted({name.partition("_")[0] for name in names}))

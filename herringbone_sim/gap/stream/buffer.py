@@ -16,10 +16,10 @@ SPEED_TOLERANCE = 0.05  # relative drift of the mesh frequency in a stretch
 
 
 class SampleBuffer:
-    """Collects blocks of samples and returns those after the last break.
+    """Collects blocks of samples and returns the newest stretch: the samples after the last break.
 
     A break is a lost block, a clock that goes back, other channels, or a change of the operating
-    point; a stretch never contains one.
+    point.
 
     Args:
         most, least: largest and smallest number of samples of a stretch.
@@ -27,7 +27,7 @@ class SampleBuffer:
     Attributes:
         names: channels of the newest block.
         received: number of samples received.
-        lost: number of samples missing between blocks.
+        lost: number of missing samples, by gaps in the time.
         restarts: how often the clock went back or the channels changed.
         t_s: time of the newest sample [s], NaN before the first.
     """
@@ -41,11 +41,11 @@ class SampleBuffer:
         self._step = float("nan")
 
     def put(self, names: tuple[str, ...], rows: Array) -> None:
-        """Add a block of samples.
+        """Add a block of samples; samples before a break are discarded.
 
         Args:
-            names: of the c channels.
-            rows: (n, c) samples.
+            names: names of the c channels.
+            rows: (n, c) samples [SI].
 
         Raises:
             RecordingError: no channel ``t``, or a time that is not finite.
@@ -80,7 +80,10 @@ class SampleBuffer:
         return TimeSeries(rows[:, self.names.index("t")].copy(), rows, self.names)
 
     def _after_breaks(self, times: Array) -> int:
-        """Index of the first sample after the last break of a block; counts the breaks."""
+        """Return the index of the first sample after the last gap or step back in the times (n,).
+
+        Updates counts and sample period; discards the earlier blocks if there is such a break.
+        """
         steps = np.diff(times, prepend=self.t_s)
         forward = steps[steps > 0.0]
         if len(forward) >= 3:
@@ -97,7 +100,7 @@ class SampleBuffer:
 
 
 def _last_change(names: tuple[str, ...], rows: Array) -> int:
-    """Index of the row (n, c) from which on all are at the operating point of the last one."""
+    """Return the index from which on all rows (n, c) have the last row's operating point."""
     other = np.zeros(len(rows), dtype=bool)
     for name, tolerance in POINT_TOLERANCE.items():
         if name in names:

@@ -33,12 +33,12 @@ STALE_S = 3.0  # wall time without a block after which a stream counts as silent
 
 @dataclass(frozen=True)
 class StreamStatus:
-    """State of a stream.
+    """State of a stream of samples.
 
     Attributes:
-        topic: of its samples.
+        topic: topic of the samples.
         age_s: wall time since the last block [s]; None before the first.
-        t_s: time of its newest sample [s].
+        t_s: time of its newest sample [s]; NaN before the first.
         received, lost, restarts: counts of samples and breaks, see ``SampleBuffer``.
         refused: number of blocks that could not be read.
         trouble: why the last block could not be read; empty if it could.
@@ -67,9 +67,9 @@ class ComparisonResult:
 
     Attributes:
         rig, simulator: state of the streams.
-        residual: of the rig against the nominal model; None when unknown.
+        residual: residual of the rig against the nominal model; None if unknown.
         stretches: number of stretches in the residual.
-        rig_motion, simulator_motion: statistics; None without samples.
+        rig_motion, simulator_motion: motion statistics; None without samples.
         remarks: sentences on what is unknown, and why.
     """
 
@@ -97,8 +97,8 @@ class SampleStream:
     """Samples, channels and diagnostics of a rig or a simulator; safe to use from two threads.
 
     Args:
-        topic: of the samples, for messages.
-        clock: monotonic time [s].
+        topic: topic of the samples, for messages.
+        clock: function that returns monotonic time [s].
     """
 
     def __init__(self, topic: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -111,7 +111,7 @@ class SampleStream:
         self._refused, self._trouble, self._diagnostics = 0, "", ""
 
     def add_samples(self, message: Buffer) -> None:
-        """Add a serialised block of samples; one that can't be read is counted and reported."""
+        """Add a serialised block of samples; an unreadable block is only counted and reported."""
         with self._lock:
             self._received_at = self._clock()
             try:
@@ -129,7 +129,7 @@ class SampleStream:
                 self._channels = channels
 
     def set_diagnostics(self, text: str) -> None:
-        """Set the message of the sender in ``/diagnostics``."""
+        """Set the latest message of the sender in ``/diagnostics``."""
         with self._lock:
             self._diagnostics = text
 
@@ -149,7 +149,7 @@ class SampleStream:
             return self._buffer.take()
 
     def status(self) -> StreamStatus:
-        """State of the stream now."""
+        """Return the present state of the stream."""
         with self._lock:
             at, buffer = self._received_at, self._buffer
             return StreamStatus(
@@ -166,10 +166,10 @@ class SampleStream:
 
 
 class Comparison:
-    """Compares a rig with a simulator over the last stretches at one operating point.
+    """Compares a rig with a simulator over the last ``KEPT`` stretches at one operating point.
 
     Args:
-        rig, simulator: streams.
+        rig, simulator: their streams of samples.
         nominal: parameters of the data sheet of the rig.
         noise_share: RMS of the rig's noise over that of each channel; None: from spectra.
     """
@@ -192,7 +192,7 @@ class Comparison:
         self._no_residual = ""
 
     def update(self) -> ComparisonResult:
-        """Use the samples since the last call, and return the comparison."""
+        """Use the new samples of both streams; return the comparison over the last stretches."""
         for stream in (self.rig, self.simulator):
             series = stream.take()
             if series is not None:
@@ -214,7 +214,7 @@ class Comparison:
         return _with_remarks(result, (self._no_residual, *self._trouble.values()))
 
     def _add(self, stream: SampleStream, series: TimeSeries) -> None:
-        """Add residual and motion statistics of a stretch."""
+        """Add the motion statistics of a stretch and, for the rig, its residual."""
         try:
             _append(
                 self._motions[stream],
@@ -235,14 +235,14 @@ class Comparison:
 
 
 def _append(stretches: deque[Any], new: Residual | MotionStatistics) -> None:
-    """Append a stretch; drop earlier ones that it can't be joined with."""
+    """Append the result of a stretch; drop all earlier results if they can't be joined with it."""
     if stretches and not joinable(new, stretches[-1]):
         stretches.clear()
     stretches.append(new)
 
 
 def _with_remarks(result: ComparisonResult, troubles: tuple[str, ...]) -> ComparisonResult:
-    """Add remarks on silent streams, troubles and different operating points."""
+    """Add remarks on silent streams, on troubles, and on motions that can't be compared."""
     remarks = [text for text in dict.fromkeys(troubles) if text]
     for status in (result.rig, result.simulator):
         why = f" (it says: {status.diagnostics})" if status.diagnostics else ""
@@ -262,7 +262,7 @@ def _with_remarks(result: ComparisonResult, troubles: tuple[str, ...]) -> Compar
 
 
 def _difference_of_points(rig: MotionStatistics, simulator: MotionStatistics) -> str:
-    """Remark why the motions of rig and simulator are not compared."""
+    """Return the reason why the motions of rig and simulator are not compared."""
     if rig.meshes != simulator.meshes:
         return (
             f"the rig has meshes {rig.meshes[0]}, ..., the simulator {simulator.meshes[0]}, ...: "

@@ -1,4 +1,4 @@
-"""Residual and motion statistics of a stretch of samples, as sums that can be added."""
+"""Residual and motion statistics of a stretch of samples, as sums that add over stretches."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ import numpy as np
 from herringbone_sim.arrays import Array
 
 CONTACTS = ("back", "apart", "drive")
-NOISE_LIMIT = 1.15  # mean square of residual over noise up to which a place counts as noise
-POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01}  # of one operating point: [K], -
+NOISE_LIMIT = 1.15  # reduced chi2 up to which a mesh or coordinate counts as noise
+POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01}  # within one operating point: [K], -
 
 
 @dataclass(frozen=True)
 class Residual:
-    """Residual of the samples of a stretch, as sums; stretches are added by ``join``.
+    """Residual of a stretch of samples, as sums over the samples; ``join`` adds stretches.
 
     Attributes:
         metric: ``force_law`` [N], or ``torque_balance`` [m/s^2] where no force is measured.
-        places: (k,) meshes, or coordinates (q_S sun against carrier, rN_S planet N).
-        t_s: time of the last sample.
+        places: names of k meshes, or coordinates (q_S sun against carrier, rN_S planet N).
+        t_s: time of the last sample [s].
         point: operating point delta_T [K], K, T_1 [N m], Omega.
-        count: samples.
-        square: (k,) sum of residual^2 over its noise variance.
+        count: number of samples.
+        square: (k,) chi2, sum of residual^2 over its noise variance.
         nominal, recalibrated: (k,) sum of squares of the residual before and after recalibration.
         floor: (k,) sum of the noise variance of the residual.
-        signal: (k,) sum of squares of the measured quantity.
+        signal: (k,) sum of squares of the measured force or acceleration.
         contact_square, contact_count: (3,) ``square`` and number of samples in back contact,
             apart and in drive contact; zero where unknown.
         remarks: sentences on missing channels and other limits.
@@ -50,17 +50,17 @@ class Residual:
 
     @property
     def chi(self) -> Array:
-        """RMS (k,) of the residual over its noise: 1 for noise alone."""
+        """RMS (k,) of residual over noise at each mesh or coordinate: 1 for noise alone."""
         return np.asarray(np.sqrt(self.square / self.count), dtype=np.float64)
 
     @property
     def shares(self) -> Array:
-        """Share (k,) of each place in the chi2 above noise; 0 below ``NOISE_LIMIT``."""
+        """Fraction (k,) of the chi2 above noise at each place; 0 below ``NOISE_LIMIT``."""
         return _shares(self.square, np.full(self.square.shape, float(self.count)))
 
     @property
     def total_chi(self) -> float:
-        """RMS of all residuals over their noise."""
+        """RMS of residual over noise over all meshes or coordinates."""
         return float(np.sqrt(self.square.sum() / (self.count * len(self.places))))
 
     def rms(self, what: str) -> float:
@@ -70,11 +70,14 @@ class Residual:
 
     @property
     def rms_by_place(self) -> Array:
-        """RMS (k,) of the residual after recalibration, [N] or [m/s^2] as of ``metric``."""
+        """RMS (k,) of the residual after recalibration, in the unit of ``metric``."""
         return np.asarray(np.sqrt(self.recalibrated / self.count), dtype=np.float64)
 
     def shares_by(self, factor: str) -> dict[str, float]:
-        """Shares by ``kind``, ``planet``, ``side`` or ``contact``; empty where unknown."""
+        """Return fractions of the chi2 above noise by the names of a factor; empty if unknown.
+
+        ``factor``: ``kind`` of mesh, ``planet``, ``side`` or ``contact`` state.
+        """
         if factor == "contact":
             if not self.contact_count.any():
                 return {}
@@ -90,14 +93,14 @@ class Residual:
 
 @dataclass(frozen=True)
 class MotionStatistics:
-    """Statistics of a motion, as sums; NaN for meshes without the channel.
+    """Statistics of the motion in a stretch, as sums; NaN for meshes without the channel.
 
     Attributes:
-        meshes: n names.
-        point: operating point.
-        count: samples.
-        force: (n,) sum of squares [N^2].
-        contact: (n, 3) samples in back contact, apart, in drive contact.
+        meshes: names of the n meshes.
+        point: operating point as in ``Residual``.
+        count: number of samples.
+        force: (n,) sum of squares of the mesh force [N^2].
+        contact: (n, 3) number of samples in back contact, apart, in drive contact.
     """
 
     meshes: tuple[str, ...]
@@ -113,12 +116,12 @@ class MotionStatistics:
 
     @property
     def contact_shares(self) -> Array:
-        """Share of time (n, 3) in back contact, apart, in drive contact."""
+        """Fraction of time (n, 3) in back contact, apart, in drive contact."""
         return np.asarray(self.contact / self.count, dtype=np.float64)
 
 
 def join(stretches: Sequence[Residual]) -> Residual:
-    """Add stretches that are ``joinable``; point, time and remarks are those of the last."""
+    """Add the sums of ``joinable`` stretches; point, time and remarks are those of the last."""
     of_contact = ("contact_square", "contact_count")
     sums = ("square", "nominal", "recalibrated", "floor", "signal", *of_contact)
     added: dict[str, Any] = {n: np.sum([getattr(s, n) for s in stretches], axis=0) for n in sums}
@@ -126,10 +129,7 @@ def join(stretches: Sequence[Residual]) -> Residual:
 
 
 def join_motions(stretches: Sequence[MotionStatistics]) -> MotionStatistics:
-    """Add the counts and sums of stretches, at least one, that are ``joinable``.
-
-    Meshes and operating point are those of the last one.
-    """
+    """Add the sums of ``joinable`` stretches, at least one; the operating point is the last's."""
     return replace(
         stretches[-1],
         count=sum(s.count for s in stretches),
@@ -148,19 +148,19 @@ def joinable(new: Residual | MotionStatistics, old: Residual | MotionStatistics)
 
 
 def same_operating_point(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
-    """Whether two points agree within 1 K of delta_T, 0.01 of K and 1 % of T_1 and Omega."""
+    """Whether operating points agree to 1 K in delta_T, 0.01 in K and 1 % in T_1 and Omega."""
     near = all(abs(a[q] - b[q]) <= tolerance for q, tolerance in POINT_TOLERANCE.items())
     return near and all(abs(a[q] - b[q]) <= 0.01 * abs(a[q]) for q in ("T_1", "Omega"))
 
 
 def _shares(square: Array, count: Array) -> Array:
-    """Shares of places or contact states in the chi2 above noise."""
+    """Return the fraction of the chi2 above noise in each sum ``square`` of ``count`` values."""
     above = np.where(square > NOISE_LIMIT * count, square - count, 0.0)
     return np.asarray(above / max(float(above.sum()), 1e-300), dtype=np.float64)
 
 
 def _part(place: str, factor: str) -> str:
-    """Kind, planet or side of a mesh ``sp1_L`` or a coordinate ``r1_L``; empty if it has none."""
+    """Return kind, planet or side of a mesh ``sp1_L`` or coordinate ``r1_L``; empty if none."""
     head, _, side = place.partition("_")
     if factor == "side":
         return side

@@ -1,1 +1,1 @@
-"""Size of the gap before and after: as residual, short-horizon prediction and attractor."""
+"""Size of the gap of nominal and augmented model: as residual, prediction and attractor."""

@@ -43,7 +43,7 @@ class SampledMotion:
     force_n: Array
 
     def half(self, number: int) -> SampledMotion:
-        """First (0) or second (1) half of the samples."""
+        """Return the first (0) or second (1) half of the samples."""
         middle = len(self.z) // 2
         rows = slice(number * middle, (number + 1) * middle)
         return SampledMotion(self.z[rows], self.z_rate[rows], self.force_n[rows])
@@ -54,12 +54,13 @@ class Statistics:
     """Statistics of a motion.
 
     Attributes:
-        contact: (n_mesh, 3) share of time on the driving flank, apart, on the back flank, by the
-            recorded displacement and the nominal backlash.
-        sharing: (n_mesh,) mean force over the sum of those of its kind.
-        bands: (BANDS, n_mesh) power of the displacements in bands around half mesh orders [dB].
-        points: (SECTIONS, m, 2 n_coordinate) Poincare sections, in standard deviations of the
-            measured motion.
+        contact: (n_mesh, 3) fraction of time on the driving flank, apart, on the back flank, by
+            the displacement relative to the nominal e(t) and the nominal backlash.
+        sharing: (n_mesh,) mean force over the sum of mean forces of all meshes of the same kind.
+        bands: (BANDS, n_mesh) spectral power of the displacements in bands around multiples of
+            half the mesh frequency [dB].
+        points: (SECTIONS, m, 2 n_coordinate) Poincare sections at m mesh cycles: z and dz/dt over
+            the standard deviations of the measured motion.
     """
 
     contact: Array
@@ -69,7 +70,7 @@ class Statistics:
 
 
 def measured_motion(run: PreparedRun, fused: Fused) -> SampledMotion:
-    """The measured motion."""
+    """Return fused coordinates and measured forces of a run."""
     return SampledMotion(fused.z, fused.z_rate, run.F.values)
 
 
@@ -80,13 +81,16 @@ def model_motion(
     simulator: GearSimulator,
     actives: Sequence[Active],
 ) -> SampledMotion:
-    """Simulated motion from the first measured state, with noise and errors of force sensors.
+    """Simulate the motion of a model from the first measured state, as sensors would record it.
+
+    A transient of ``SETTLE`` mesh cycles is cut off; noise of the motion and errors of the force
+    sensors are added. Forces are NaN where the run has none.
 
     Args:
         run, fused: the run and its fused motion.
         noise: a realisation of the noise of ``fused``, see ``motion.fused_noise``.
         simulator: of the model.
-        actives: effects, of which those on force sensors are used here.
+        actives: effects of the model; those on force sensors distort the forces.
     """
     turn = phase_step(run)
     before = SETTLE * round(2.0 * np.pi / turn)
@@ -105,12 +109,12 @@ def model_motion(
 
 
 def statistics(run: PreparedRun, motion: SampledMotion, first: int, scale: Array) -> Statistics:
-    """Statistics of a motion.
+    """Compute the statistics of a motion.
 
     Args:
-        run: whose sample times and nominal waves are used.
+        run: whose mesh phase, backlash and nominal e(t) are used.
         motion: at the samples of the run from ``first`` on.
-        first: index of a sample.
+        first: index of the first sample of the motion in the run.
         scale: (2 n_coordinate,) standard deviations of the measured motion.
     """
     rows = slice(first, first + len(motion.z))
@@ -127,7 +131,7 @@ def statistics(run: PreparedRun, motion: SampledMotion, first: int, scale: Array
 
 
 def distances(one: Statistics, other: Statistics) -> dict[str, float]:
-    """Distances of two motions in each statistic, see ``UNITS``; NaN where nothing is measured."""
+    """Return the distance of two motions in each statistic of ``UNITS``; NaN if not measured."""
     contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
     return {
         "contact": float(contact.mean()),
@@ -140,7 +144,7 @@ def distances(one: Statistics, other: Statistics) -> dict[str, float]:
 def half_statistics(
     run: PreparedRun, motion: SampledMotion, scale: Array
 ) -> tuple[Statistics, Statistics]:
-    """Statistics of both halves of a motion."""
+    """Compute the statistics of the first and of the second half of a motion over a whole run."""
     first, second = (
         statistics(run, motion.half(i), i * (len(motion.z) // 2), scale) for i in (0, 1)
     )
@@ -150,7 +154,7 @@ def half_statistics(
 def mean_distances(
     one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
 ) -> dict[str, float]:
-    """Distances of two motions in each statistic, see ``UNITS``: mean over all pairs of halves.
+    """Return the distance of two motions in each of ``UNITS``, mean over all pairs of halves.
 
     Args:
         one, other: statistics of the first and the second half of each motion.
@@ -160,13 +164,13 @@ def mean_distances(
 
 
 def scale_of(fused: Fused) -> Array:
-    """Standard deviations (2 n_coordinate,) of the measured states."""
+    """Return the standard deviations (2 n_coordinate,) of z and dz/dt; 1 for a constant."""
     spread: Array = np.hstack([fused.z, fused.z_rate]).std(axis=0)
     return np.where(spread > 0.0, spread, 1.0)
 
 
 def statistics_to_dict(stats: Statistics, meshes: Sequence[str]) -> dict[str, object]:
-    """Contact and load sharing of each mesh as plain data for the report."""
+    """Return contact and load sharing of each mesh as plain data for the report."""
     names = ("driving_flank", "apart", "back_flank")
     return {
         "contact": {
@@ -178,7 +182,10 @@ def statistics_to_dict(stats: Statistics, meshes: Sequence[str]) -> dict[str, ob
 
 
 def _bands(x: Array, turn: float) -> Array:
-    """Power (BANDS, n_mesh) [dB] of x (n, n_mesh) in bands of half a mesh order, Hann window."""
+    """Return the spectral power (BANDS, n_mesh) [dB] of x (n, n_mesh), with a Hann window.
+
+    Bands are half the mesh frequency wide; ``turn``: mesh phase per sample [rad].
+    """
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(len(x)) / len(x))
     lines = np.abs(np.fft.rfft((x - x.mean(axis=0)) * window[:, None], axis=0)) ** 2
     order = np.arange(len(lines)) * 2.0 * np.pi / turn / len(x)
@@ -190,7 +197,7 @@ def _bands(x: Array, turn: float) -> Array:
 
 
 def _sections(states: Array, phase: Array) -> Array:
-    """States (SECTIONS, m, ...) at equidistant mesh phases, by linear interpolation."""
+    """Interpolate states (n, d) at ``SECTIONS`` phases of m mesh cycles, (SECTIONS, m, d)."""
     turns = phase / (2.0 * np.pi)
     cuts = []
     for part in range(SECTIONS):
@@ -202,7 +209,7 @@ def _sections(states: Array, phase: Array) -> Array:
 
 
 def _energy_distance(one: Array, other: Array) -> float:
-    """Root of the energy distance (Szekely and Rizzo 2013), mean over the sections."""
+    """Return the root of the mean energy distance (Szekely and Rizzo 2013) over the sections."""
     squares = [
         2.0 * cdist(a, b).mean() - cdist(a, a).mean() - cdist(b, b).mean()
         for a, b in zip(one, other, strict=True)

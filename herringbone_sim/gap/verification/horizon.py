@@ -22,19 +22,19 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step
 
 LONGEST = 1.0  # largest horizon, mesh cycles
-LYAPUNOV_TIMES = 0.5  # horizon of a chaotic motion
+LYAPUNOV_TIMES = 0.5  # largest horizon over the Lyapunov time
 STARTS = 80  # predictions per run
 SETTLED = 5.0  # mesh cycles before the first prediction, for states of effects to settle
-SUBSTEPS = 4  # of a sample, for states of effects
-SEPARATION = 1e-6  # of two neighbouring runs, in units of b_c
+SUBSTEPS = 4  # integration steps per sample, for states of effects
+SEPARATION = 1e-6  # initial distance of two neighbouring simulations, dimensionless
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """Starts and length of predictions.
+    """Start samples and length of the predictions in a run.
 
     Attributes:
-        starts: (s,) indices of samples.
+        starts: (s,) indices of the samples at which predictions start.
         samples: length of a prediction in samples.
         cycles: the same in mesh cycles.
     """
@@ -45,7 +45,11 @@ class Horizon:
 
 
 def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
-    """Starts spread over a run, and the horizon by its largest exponent [1 / mesh cycle]."""
+    """Return equidistant start samples in a run, and the length of predictions.
+
+    ``exponent``: largest Lyapunov exponent of the run [1 / mesh cycle]; not positive or NaN: the
+    horizon is ``LONGEST``.
+    """
     turn = phase_step(run)
     longest = min(LONGEST, LYAPUNOV_TIMES / exponent) if exponent > 0.0 else LONGEST
     samples = max(int(longest * 2.0 * np.pi / turn + 1e-6), 1)
@@ -60,7 +64,7 @@ def horizon_of(run: PreparedRun, exponent: float) -> Horizon:
 def prediction_error(
     run: PreparedRun, fused: Fused, simulator: GearSimulator, horizon: Horizon
 ) -> float:
-    """RMS error of the predicted mesh displacements [m], over starts, samples and meshes."""
+    """Return the RMS error of predicted mesh displacements [m] over starts, samples and meshes."""
     own = states_of_effects(run, fused, simulator, horizon.starts)
     predicted = _predict(run, fused.z, fused.z_rate, simulator, horizon, own)
     return _rms(predicted - _after_starts(fused.z, horizon), run)
@@ -69,7 +73,7 @@ def prediction_error(
 def prediction_floor(
     run: PreparedRun, fused: Fused, noise: Fused, simulator: GearSimulator, horizon: Horizon
 ) -> float:
-    """Prediction error of a perfect model by the noise of initial and final states [m].
+    """Return the prediction error [m] of a perfect model by the noise of start and end states.
 
     Args:
         run, fused: the run and its fused motion.
@@ -86,13 +90,14 @@ def prediction_floor(
 def largest_exponent(
     run: PreparedRun, fused: Fused, simulator: GearSimulator, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Largest Lyapunov exponent of the model at the operating point of a run, and its error.
+    """Compute the largest Lyapunov exponent of the model at the operating point of a run.
 
-    Growth of the distance of two simulations from the first measured state, rescaled each mesh
-    cycle (Benettin et al. 1980), over the length of the run; its first fifth is left out.
+    It is the growth of the distance of two simulations from the first measured state, rescaled
+    each mesh cycle (Benettin et al. 1980), over the length of the run without its first fifth.
+    States of effects are reset to those of the first simulation at each rescaling.
 
     Returns:
-        Value and standard error of the mean, per mesh cycle; NaN where the motion diverges.
+        Value and standard error of the mean, per mesh cycle; both NaN if the motion diverges.
     """
     s = simulator.model.scales
     m = simulator.model.layout.n_coordinate
@@ -123,7 +128,7 @@ def largest_exponent(
 def states_of_effects(
     run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Indices
 ) -> Array:
-    """States of effects (s, n_own) at the samples ``starts``, integrated along the run.
+    """Integrate the states of effects along a run; return them at ``starts``, (s, n_own).
 
     They are driven by the measured forces, or those of the nominal law where none are measured.
     """
@@ -168,13 +173,13 @@ def _predict(
     horizon: Horizon,
     own: Array,
 ) -> Array:
-    """Simulate from each start; coordinates (s, samples, n_coordinate) [m] after, not at, it.
+    """Simulate from each start; return coordinates (s, samples, n_coordinate) [m] after the start.
 
     Args:
-        run: gives the mesh phase at the starts.
-        z, z_rate: (n, n_coordinate) measured motion [m], [m/s], from which the starts are taken.
+        run: whose mesh phase at the starts is used.
+        z, z_rate: (n, n_coordinate) measured motion [m], [m/s], which holds the initial states.
         simulator: of the model.
-        horizon: indices of the starts, and length.
+        horizon: start samples and length.
         own: (s, n_own) states of effects at the starts.
     """
     at = horizon.starts
@@ -185,12 +190,12 @@ def _predict(
 
 
 def _after_starts(z: Array, horizon: Horizon) -> Array:
-    """The samples (s, samples, n_coordinate) of z (n, n_coordinate) after each start."""
+    """Select the samples (s, samples, n_coordinate) of z (n, n_coordinate) after each start."""
     after: Array = z[horizon.starts[:, None] + np.arange(1, horizon.samples + 1)]
     return after
 
 
 def _rms(error: Array, run: PreparedRun) -> float:
-    """RMS of the errors of mesh displacements, from those of coordinates."""
+    """Return the RMS error of mesh displacements, from errors (..., n_coordinate) of z."""
     x = error @ coordinates_to_meshes(run.model.layout).T
     return rms(x)

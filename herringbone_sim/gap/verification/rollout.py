@@ -1,4 +1,4 @@
-"""Compiled integration of many runs of a gear with effects, each from its own state and phase."""
+"""Compiled integration of many motions of a gear with effects from given states and phases."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from herringbone_sim.effects.run import at_instant, slope_of
 
 @law
 def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, states, force):
-    """Integrate s runs of k samples by Runge-Kutta steps.
+    """Integrate s motions over k samples each by Runge-Kutta steps.
 
     Args:
-        e, site, theta: compiled laws of the effects, their loci and parameters.
-        gear, p, si: ``gear_table``, packed model and SI scales.
-        now: (5,) instant, which is overwritten.
-        y: (s, size) initial states, which are overwritten.
-        cycle, phase: (s,) initial mesh phase as whole mesh cycles and a rest [rad].
+        e, site, theta: compiled laws of the effects, their loci and parameters, see ``Laws``.
+        gear, p, si: ``gear_table``, packed model and SI scales, see ``effects.run.at_instant``.
+        now: (5,) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m] and K; the phase is
+            overwritten.
+        y: (s, size) initial states, dimensionless, then states of effects; overwritten.
+        cycle, phase: (s,) initial mesh phase as whole mesh cycles and a remainder [rad].
         h: step in 1 / omega_n.
         parts: steps per sample.
-        w, g: work arrays.
+        w, g: work arrays ``effects.gear.Scratch`` and ``simulator._Scratch``.
         states: (s, k, size) output, dimensionless states at the samples.
         force: (s, k, n) output, mesh forces at the samples [N].
     """

@@ -53,7 +53,8 @@ class Senses:
         horizon_cycles: horizon of each run [mesh cycles].
         exponents: largest Lyapunov exponent of the augmented model at the operating point of each
             run, and its standard error [1 / mesh cycle].
-        numbers: statistics and distances of the attractors by model and run.
+        numbers: statistics and distances of the attractors, by ``measured``, ``floor`` or model,
+            and by run, see ``serialise.attractor_to_dict``.
         unknown: sentences on runs without prediction and attractor.
     """
 
@@ -67,14 +68,14 @@ class Senses:
 
     @property
     def gaps(self) -> dict[str, Gap]:
-        """The gaps by name of the sense."""
+        """The three gaps by name of the sense."""
         names = ("residual", "prediction", "attractor")
         return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)
 class _RunSenses:
-    """Prediction and attractor of one run; attributes as of ``Senses``."""
+    """Gap of one run as prediction and attractor; attributes as in ``Senses``, for this run."""
 
     prediction: RunGap
     attractor: RunGap
@@ -98,7 +99,7 @@ def measure_senses(
         correct: removes the sensor effects of the verdict from a run.
         residual: gap of the same runs in the metric of the verdict.
         model: augmented model.
-        other: model of the runner-up, as a control.
+        other: model of the runner-up, as a control; None: there is none.
         say: called with a line of progress for each run.
     """
     measured, unknown = [], []
@@ -133,7 +134,7 @@ def measure_senses(
 
 
 def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
-    """A sentence on runs, given by name, without prediction and attractor."""
+    """Return a sentence on the named runs without prediction and attractor; empty for no runs."""
     if not unknown:
         return ()
     return (
@@ -143,7 +144,7 @@ def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
 
 
 def _unknown_senses(run: PreparedRun) -> _RunSenses:
-    """NaN for a run whose motion is not known."""
+    """Return NaN gaps for a run whose channels don't determine its motion."""
     nan = float("nan")
     none = RunGap(run.name, run.role, nan, nan, nan)
     return _RunSenses(none, none, nan, (nan, nan), {})
@@ -157,14 +158,14 @@ def _senses_of_run(
     model: Augmented,
     other: Augmented | None,
 ) -> _RunSenses:
-    """Prediction and attractor of a run.
+    """Measure prediction and attractor of a run.
 
     Args:
         run: as recorded.
-        corrected: without sensor effects.
+        corrected: the run without the sensor effects of the verdict.
         raw, fused: fused motion of ``run`` and of ``corrected``.
         model: augmented model.
-        other: model of the runner-up.
+        other: model of the runner-up; None: there is none.
     """
     noise = fused_noise(corrected, np.random.default_rng(SEED))
     models = {"nominal": (run, raw, nominal_model()), "augmented": (corrected, fused, model)}
@@ -193,7 +194,7 @@ def _senses_of_run(
 
 
 def _gap(run: PreparedRun, values: Mapping[str, float], floor: float) -> RunGap:
-    """Gap of a run from its values by model."""
+    """Return the gap of a run from ``values``, by name of the model, and the noise floor."""
     nominal, augmented = values["nominal"], values["augmented"]
     other = values.get("runner_up", float("nan"))
     return RunGap(run.name, run.role, nominal, augmented, floor, other)
@@ -204,16 +205,16 @@ def _attractors(
     simulators: Mapping[str, GearSimulator],
     noise: Fused,
 ) -> dict[str, Any]:
-    """Statistics of each model's motion and its distance to the rig's, for the report.
+    """Compute statistics of the motion of each model and its distance from the rig's motion.
 
     Args:
         models: run, fused motion and model, by name of the model.
-        simulators: of each model.
+        simulators: simulator of each model, by name.
         noise: a realisation of the noise of the fused motion.
 
     Returns:
-        By name of the model; the rig under ``measured``, the distance of its halves under
-        ``floor``.
+        Plain data by name of the model; those of the rig under ``measured``, the distance between
+        the halves of its motion under ``floor``.
     """
     run, fused, _ = models["augmented"]
     scale = scale_of(fused)
@@ -244,7 +245,7 @@ def _attractors(
 
 
 def _exponent_of_data(stats: Statistics, fused: Fused, scale: Array) -> dict[str, Any]:
-    """Largest Lyapunov exponent of the measured Poincare section, or the reason for none."""
+    """Estimate the largest Lyapunov exponent from the measured Poincare section at phase 0."""
     variance = np.concatenate([np.diag(fused.z_cov), np.diag(fused.z_rate_cov)]) / scale**2
     noise = float(np.sqrt(variance.mean()))
     found = exponent_of_data(stats.points[0], np.random.default_rng(SEED), noise)

@@ -19,7 +19,7 @@ NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
 
 
 def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
-    """A gap over the runs of a role (None: all), and of every run, by the keys of the report."""
+    """Return the gap over runs of a role (None: all), and of each run, by the report's keys."""
     return {
         **asdict(gap.numbers(role)),
         "runs": [
@@ -38,7 +38,7 @@ def gap_to_dict(gap: Gap, role: str | None = ROLE) -> dict[str, Any]:
 
 
 def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
-    """The gap as residual, prediction and attractor; predictions with horizon and exponent."""
+    """Return the gap in each sense as ``gap_to_dict``; predictions with horizon and exponent."""
     data = {name: gap_to_dict(gap, role) for name, gap in senses.gaps.items()}
     for run in data["prediction"]["runs"]:
         value, sigma = senses.exponents.get(run["path"], (float("nan"),) * 2)
@@ -48,15 +48,15 @@ def senses_to_dict(senses: Senses, role: str | None = ROLE) -> dict[str, Any]:
 
 
 def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
-    """Statistics of the rig's and the models' long motions, as plain data for the report.
+    """Return statistics of the long motions of rig and models, as plain data for the report.
 
     Returns:
         By name, then by run: ``measured`` (the rig), ``nominal``, ``augmented`` and, if there is
-        one, ``runner_up`` have contact and load share of every mesh; models have the distance of
-        their motion from the rig's too, and ``floor`` the distance between the two halves of the
-        recording. The largest Lyapunov exponent stands in ``measured`` and ``augmented``.
-        ``units``: of distances and exponents. Without senses: empty ``nominal`` and ``augmented``
-        alone.
+        one, ``runner_up`` have contact and load sharing of every mesh; models also have the
+        distance of their motion from the rig's, and ``floor`` has the distance between the two
+        halves of the recording. ``measured`` and ``augmented`` have the largest Lyapunov exponent.
+        ``units`` holds those of distances and exponents. Without senses, only empty ``nominal``
+        and ``augmented``.
     """
     if senses is None:
         return {"nominal": {}, "augmented": {}}
@@ -68,7 +68,7 @@ def attractor_to_dict(senses: Senses | None) -> dict[str, Any]:
 
 
 def forces_to_dict(forces: ReconstructedForces | None) -> dict[str, Any]:
-    """Mesh forces of a run, mesh by mesh; empty where none were reconstructed."""
+    """Return RMS, 90 % half-width and contact of the reconstructed force of each mesh, or {}."""
     if forces is None:
         return {}
     size = np.sqrt(np.mean(forces.force**2, axis=0))
@@ -88,7 +88,7 @@ def forces_to_dict(forces: ReconstructedForces | None) -> dict[str, Any]:
 
 
 def senses_errors(gap: Mapping[str, Any]) -> list[str]:
-    """Violations of the report's contract in ``senses`` of a gap; empty if there are none."""
+    """Return violations of the report's format in ``senses`` of a gap; empty if there are none."""
     senses = gap.get("senses")
     if senses is None:
         return []

@@ -34,7 +34,7 @@ class _Scratch(NamedTuple):
 
 @dataclass(frozen=True)
 class SimulatedRuns:
-    """s simulated runs of k samples.
+    """s simulated motions of k samples each.
 
     Attributes:
         z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
@@ -49,7 +49,7 @@ class SimulatedRuns:
 
 
 class GearSimulator:
-    """Simulates a gear with effects; holds work arrays, but no state.
+    """Simulates a gear with effects from given states; holds work arrays, but no state.
 
     Args:
         model: built at the operating point.
@@ -79,13 +79,13 @@ class GearSimulator:
         samples: int,
         own: Array | None = None,
     ) -> SimulatedRuns:
-        """Simulate s runs; the first sample is the initial state.
+        """Simulate s motions; the first sample of each is its initial state.
 
         Args:
             z, z_rate: (s, n_coordinate) initial states [m], [m/s].
             phase: (s,) initial mesh phase [rad], unwrapped.
-            turn: mesh phase from sample to sample [rad].
-            samples: per run.
+            turn: mesh phase per sample [rad].
+            samples: number of samples of each motion.
             own: (s, n_own) initial states of effects; None: zero.
         """
         p, n_own, m = self.model.parameters, self.laws.n_own, self.model.layout.n_coordinate
@@ -120,7 +120,7 @@ class GearSimulator:
 
 
 def simulator_of(run: PreparedRun, model: Augmented) -> GearSimulator:
-    """Simulator of the augmented model at the operating point of a run.
+    """Return a simulator of the augmented model at the operating point of a run.
 
     Raises:
         ParameterError: factors out of range, or an effect at a locus that it can't have.
@@ -129,5 +129,5 @@ def simulator_of(run: PreparedRun, model: Augmented) -> GearSimulator:
 
 
 def phase_step(run: PreparedRun) -> float:
-    """Mesh phase from sample to sample [rad]."""
+    """Return the mean mesh phase per sample [rad]."""
     return float((run.phase[-1] - run.phase[0]) / (len(run) - 1))

@@ -39,15 +39,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class RunGap:
-    """Difference of a run from its model, RMS in the unit of the gap; NaN where unknown.
+    """Gap of one run: difference between rig and model, in the unit of the metric; NaN if unknown.
 
     Attributes:
         name, role: of the run.
-        nominal: for the nominal gear.
-        augmented: for the augmented model.
-        floor: expected from noise alone.
-        runner_up: for the model with the best other effect instead of the verdict, as a control.
-        recalibrated: for the recalibrated gear without effects.
+        nominal: gap of the nominal gear.
+        augmented: gap of the augmented model.
+        floor: gap expected from noise alone.
+        runner_up: gap of the model with the best other effect instead of the verdict, a control.
+        recalibrated: gap of the recalibrated gear without effects.
     """
 
     name: str
@@ -65,9 +65,11 @@ class GapNumbers:
 
     Attributes:
         metric, unit: of the gap, see ``UNITS``.
-        nominal, augmented, noise_floor, runner_up, recalibrated: RMS, see ``RunGap``.
-        closure, closure_runner_up: share of the gap of the recalibrated gear that a model closes.
-        closure_with_calibration: share of the gap of the nominal gear.
+        nominal, augmented, noise_floor, runner_up, recalibrated: RMS over runs, see ``RunGap``.
+        closure, closure_runner_up: fraction of the gap of the recalibrated gear, above the noise,
+            that the augmented model or the runner-up closes.
+        closure_with_calibration: fraction of the gap of the nominal gear that the augmented model
+            closes.
     """
 
     metric: str
@@ -84,7 +86,7 @@ class GapNumbers:
 
 @dataclass(frozen=True)
 class Gap:
-    """The gap of all runs.
+    """The gap of several runs in one metric.
 
     Attributes:
         metric: key of ``UNITS``.
@@ -100,11 +102,11 @@ class Gap:
         return UNITS[self.metric]
 
     def rms(self, what: str, role: str | None = "held_out") -> float:
-        """RMS over the runs of a role, or over all (None), where it is known.
+        """Return the RMS over the runs of a role of one number; runs where it is NaN are left out.
 
         Args:
             what: attribute of ``RunGap``, such as ``nominal``.
-            role: ``fit``, ``held_out`` or None.
+            role: ``fit``, ``held_out`` or None: all runs.
         """
         chosen = [run for run in self.runs if role in (run.role, None)]
         values = np.array([getattr(run, what) for run in chosen])
@@ -113,13 +115,13 @@ class Gap:
 
     @property
     def closure(self) -> float:
-        """Share of the gap above the noise that the augmented model closes on held-out runs."""
+        """Fraction of the gap above the noise that the augmented model closes on held-out runs."""
         return self.closed()
 
     def closed(self, what: str = "augmented", role: str | None = "held_out") -> float:
-        """Share of the gap of the recalibrated gear above the noise that a model closes.
+        """Return the fraction of the recalibrated gear's gap above the noise that a model closes.
 
-        1: down to the noise. Without recalibration, the gap of the nominal gear is taken.
+        1: closed down to the noise. Without recalibration, it is that of the nominal gear's gap.
 
         Args:
             what: the model, an attribute of ``RunGap``.
@@ -129,13 +131,13 @@ class Gap:
         return self.closed_from("recalibrated" if known else "nominal", what, role)
 
     def closed_from(self, start: str, what: str, role: str | None) -> float:
-        """Share of the gap of ``start`` above noise that ``what`` closes; NaN without a gap."""
+        """Return the fraction of the gap of ``start`` above noise that ``what`` closes; or NaN."""
         before, floor = self.rms(start, role), self.rms("floor", role)
         above = before - floor
         return (before - self.rms(what, role)) / above if above > 0.0 else float("nan")
 
     def numbers(self, role: str | None = "held_out") -> GapNumbers:
-        """RMS of the gap over some runs for each model, and the shares of it that models close.
+        """Return the RMS of the gap over some runs for each model, and the fractions closed.
 
         Args:
             role: of the runs, ``fit`` or ``held_out``; None: all runs.
@@ -157,12 +159,13 @@ class Gap:
 def residual_gap(
     runs: Sequence[PreparedRun], correct: Correction, metric: str, model: Augmented
 ) -> Gap:
-    """The gap of runs in a residual, for the nominal gear and the augmented model.
+    """Measure the gap of runs as a residual, for the nominal gear and the augmented model.
 
     Args:
         runs: as recorded.
         correct: removes the sensor effects of the verdict from a run.
-        metric: ``force_law``, ``torque_balance`` or ``consistency``.
+        metric: ``force_law``, ``torque_balance`` or ``consistency``. If ``model.motion``, both
+            the first and the second give the torque balance with forces of the law.
         model: augmented model.
     """
     if metric == "consistency":
@@ -178,7 +181,7 @@ def residual_gap(
 
 
 def _force_law_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
-    """Gap in the force law [N]."""
+    """Measure the gap in the force law [N] over the meshes with x, v and F."""
     law = force_law(c.run, c.fused, np.ones(6))
     after = expected_forces(c, model.factors, model.actives)
     on = c.usable
@@ -192,7 +195,7 @@ def _force_law_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
 
 
 def _balance_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
-    """Gap in the torque balance with measured forces [m/s^2]."""
+    """Measure the gap in the torque balance with measured forces [m/s^2]."""
     sensors = tuple(a for a in model.actives if a.effect.level == "sensor")
     error = expected_forces(c, model.factors, sensors) - expected_forces(c, model.factors, ())
     before = balance_with_effects(c, model.factors)
@@ -202,7 +205,7 @@ def _balance_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
 
 
 def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
-    """Gap in the torque balance with forces of the law [m/s^2]; NaN where x or v is missing."""
+    """Measure the gap in the torque balance with forces of the law [m/s^2]; NaN without x or v."""
     if not c.fused.known_meshes.all():
         return RunGap(run.name, run.role, *(float("nan"),) * 3)
     noise = fused_noise(c.run, np.random.default_rng(SEED))
@@ -222,6 +225,6 @@ def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
 
 
 def _consistency_gap(run: PreparedRun, correct: Correction) -> RunGap:
-    """Gap in the consistency of the motion sensors [sigma], before and after their correction."""
+    """Measure the gap in the consistency of motion sensors [sigma], as recorded and corrected."""
     before, after = (consistency_chi2([r], [run]) for r in (run, correct(run)))
     return RunGap(run.name, run.role, float(np.sqrt(before)), float(np.sqrt(after)), 1.0)
