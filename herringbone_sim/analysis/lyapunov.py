@@ -114,8 +114,8 @@ def _local_maps(points: Array, noise: float) -> tuple[Array, float] | None:
     for count in (2 * d,) if noise == 0 else tuple(6 * d * 2**i for i in range(6)):
         if count > max(tree.n // 4, 2 * d):
             return None
-        distances, found = tree.query(points[:n], k=count + 1)
-        near = found[:, 1:] * stride
+        distances, indices = tree.query(points[:n], k=count + 1)
+        near = indices[:, 1:] * stride
         left, sizes, right = np.linalg.svd(points[near] - points[:n, None], full_matrices=False)
         if np.median(sizes[:, 0]) >= REACH * noise * np.sqrt(count):
             break
@@ -134,8 +134,8 @@ def _growth(points: Array, maps: Array) -> Array:
     """Log growth (n,) of one tangent vector under maps (n, d, d); NaN if it vanishes."""
     vector = np.ones(points.shape[1])
     growth = np.empty(len(maps))
-    for step, one in enumerate(maps):
-        vector = vector @ one
+    for step, matrix in enumerate(maps):
+        vector = vector @ matrix
         size = float(np.sqrt(vector @ vector))
         if not size > 0:
             return np.full(SKIP + 1, np.nan)

@@ -73,14 +73,14 @@ def motion_of(series: TimeSeries) -> Motion:
             f"an analysis needs at least {MIN_SAMPLES} samples, got {len(series)}: record longer"
         )
     turns = _turns(series)
-    found = [name[2:] for name in series.names if name.startswith("x_")]
-    whole = tuple(mesh for mesh in found if np.isfinite(series[f"x_{mesh}"]).all())
-    if not whole:
-        raise AnalysisError(_why_no_motion(series, found))
-    rates = {mesh: _recorded_rate(series, mesh) for mesh in whole}
-    x = series.columns(tuple(f"x_{mesh}" for mesh in whole))
+    recorded = [name[2:] for name in series.names if name.startswith("x_")]
+    finite = tuple(mesh for mesh in recorded if np.isfinite(series[f"x_{mesh}"]).all())
+    if not finite:
+        raise AnalysisError(_why_no_motion(series, recorded))
+    rates = {mesh: _recorded_rate(series, mesh) for mesh in finite}
+    x = series.columns(tuple(f"x_{mesh}" for mesh in finite))
     return Motion(
-        series.times, turns, x, _rates(series, x, rates), whole, _notes(found, whole, rates)
+        series.times, turns, x, _rates(series, x, rates), finite, _notes(recorded, finite, rates)
     )
 
 
@@ -140,10 +140,10 @@ def _rates(series: TimeSeries, x: Array, rates: dict[str, Array | None]) -> Arra
 
 
 def _notes(
-    meshes: list[str], whole: tuple[str, ...], rates: dict[str, Array | None]
+    meshes: list[str], finite: tuple[str, ...], rates: dict[str, Array | None]
 ) -> tuple[str, ...]:
     """Sentences on displacements that are not used and velocities derived by differences."""
-    broken = [f"x_{mesh}" for mesh in meshes if mesh not in whole]
+    broken = [f"x_{mesh}" for mesh in meshes if mesh not in finite]
     derived = [f"v_{mesh}" for mesh, rate in rates.items() if rate is None]
     notes = []
     if broken:

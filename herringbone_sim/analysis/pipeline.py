@@ -175,24 +175,32 @@ def analyze_segment(
         options: see ``Options``.
         gear: see ``Gear``.
     """
-    whole = motion.rows(segment.start, segment.stop)
-    scales = _scales(whole)
-    noise = _noise(whole, sample_noise, scales, options.phase)
-    section = stroboscopic_section(whole, options.phase)
+    segment_motion = motion.rows(segment.start, segment.stop)
+    scales = _scales(segment_motion)
+    noise = _noise(segment_motion, sample_noise, scales, options.phase)
+    section = stroboscopic_section(segment_motion, options.phase)
     dropped, settled = _dropped(_points(section, scales), segment, options)
-    section, kept = section.after(dropped), _after(whole, section, dropped)
+    section, settled_motion = section.after(dropped), _after(segment_motion, section, dropped)
     points = _points(section, scales)
     period = _period(points, segment, noise, options)
     exponent = _exponent(points, segment, period, noise, options)
-    spectrum = amplitude_spectrum(kept, period.value or 1) if kept.cycles >= MIN_CYCLES else None
+    spectrum = (
+        amplitude_spectrum(settled_motion, period.value or 1)
+        if settled_motion.cycles >= MIN_CYCLES
+        else None
+    )
     half_backlash = gear.half_backlash_m(segment.point) if gear.half_backlash_m else None
-    rate = whole.frequency_hz / gear.omega_n if gear.omega_n and len(whole) > 1 else float("nan")
+    rate = (
+        segment_motion.frequency_hz / gear.omega_n
+        if gear.omega_n and len(segment_motion) > 1
+        else float("nan")
+    )
     of_model = _model_exponent(segment, section, gear, rate)
     return SegmentResult(
         number=number,
-        span_s=(float(whole.times[0]), float(whole.times[-1])),
+        span_s=(float(segment_motion.times[0]), float(segment_motion.times[-1])),
         segment=segment,
-        motion=kept,
+        motion=settled_motion,
         section=section,
         dropped_cycles=dropped,
         noise=noise,
@@ -203,9 +211,9 @@ def analyze_segment(
         lines=lines(spectrum, period.value or 1) if spectrum else (),
         off_lines=share_off_lines(spectrum, period.value or 1) if spectrum else np.zeros(0),
         half_backlash_m=half_backlash,
-        contact=contact_shares(kept, half_backlash),
+        contact=contact_shares(settled_motion, half_backlash),
         cycles_per_tau=rate,
-        notes=tuple(_notes(kept, segment, settled, noise, period, (exponent, of_model))),
+        notes=tuple(_notes(settled_motion, segment, settled, noise, period, (exponent, of_model))),
     )
 
 

@@ -170,17 +170,17 @@ def _gaps(motion: Motion) -> Rows:
 def _cuts_of(track: Track, motion: Motion) -> tuple[Rows, list[tuple[int, int, str]]]:
     """Rows at which one parameter cuts the run, and its ramps as (first row, last row, name)."""
     rows, moving = track.rows[1:], []
-    kept = np.ones(len(rows), dtype=bool)
+    is_cut = np.ones(len(rows), dtype=bool)
     bins: list[int] = []
     for first, last in _one_way_runs(np.diff(track.values)):
         turns = motion.turns[np.minimum(rows[first : last + 1], len(motion) - 1)]
         if np.median(np.diff(turns)) < MIN_DWELL_CYCLES:
-            kept[first + 1 : last] = False
+            is_cut[first + 1 : last] = False
             count = int(np.clip((turns[-1] - turns[0]) / BIN_CYCLES, 1, MAX_BINS))
             edges = np.linspace(turns[0], turns[-1], count + 1)
             bins += [int(row) for row in np.searchsorted(motion.turns, edges)]
             moving.append((int(rows[first]), int(rows[last]), track.name))
-    return np.unique(np.concatenate((rows[kept], bins)).astype(np.intp)), moving
+    return np.unique(np.concatenate((rows[is_cut], bins)).astype(np.intp)), moving
 
 
 def _one_way_runs(steps: Array) -> list[tuple[int, int]]:

@@ -77,8 +77,8 @@ def _correlations(phi: Array, c: Array) -> Array:
     walk = walks(phi, c)
     longest = len(phi) // 10
     lags = np.arange(1, longest + 1)
-    kept = len(phi) - longest
-    squares = np.array([np.mean(np.abs(walk[n : n + kept] - walk[:kept]) ** 2, 0) for n in lags])
+    count = len(phi) - longest
+    squares = np.array([np.mean(np.abs(walk[n : n + count] - walk[:count]) ** 2, 0) for n in lags])
     # Subtract the oscillation caused by the mean of the series, Eq. (3.5).
     swing = phi.mean() ** 2 * (1.0 - np.cos(np.outer(lags, c))) / (1.0 - np.cos(c))
     growth = squares - swing

@@ -84,5 +84,8 @@ def basins(
     sections_of = gear_sections(model, transient, points, os.cpu_count() or 1)
     drawn = random_starts(model, starts, np.random.default_rng(seed))
     result = explore(sections_of, drawn, symmetry(model))
-    names = (one.named(identify_motion(model, one, at=last)[0]) for one in result.attractors)
+    names = (
+        attractor.named(identify_motion(model, attractor, at=last)[0])
+        for attractor in result.attractors
+    )
     return Attractors(model, tuple(names), result, last)

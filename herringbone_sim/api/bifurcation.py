@@ -12,6 +12,7 @@ import numpy as np
 
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
+from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.effects.assemble import in_slots
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
@@ -69,10 +70,10 @@ class Bifurcation(NotebookResult):
         """``pandas.DataFrame`` with a row per value and way."""
         names = ("values", "period", "exponent", "within", "transverse", "asymmetry")
         columns = {
-            name: np.concatenate([getattr(one, name) for one in self.diagram.branches])
+            name: np.concatenate([getattr(branch, name) for branch in self.diagram.branches])
             for name in names
         }
-        starts = np.repeat([one.start for one in self.diagram.branches], len(self.values))
+        starts = np.repeat([branch.start for branch in self.diagram.branches], len(self.values))
         axis = columns.pop("values")
         return data_frame({self.diagram.axis.name: axis, "start": starts, **columns})
 
@@ -88,6 +89,11 @@ def _period_shares(branch: Branch) -> str:
     return ", ".join(
         f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}" for share, value in pairs
     )
+
+
+def _is_number(name: str) -> bool:
+    """Whether a parameter is one value, not one for each mesh; ParameterError if unknown."""
+    return bool(meaning(name)) and not isinstance(getattr(Parameters, name), tuple)
 
 
 @any_gear()
@@ -112,17 +118,17 @@ def bifurcation(
         effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         folder: where results are stored, and read from when the call is repeated; None for none.
         values: one parameter with a sequence of values, as ``delta_T=np.linspace(0, 100, 400)``;
-            others with one value each.
+            others with one value each, which is a sequence for parameters such as ``k_factor``.
 
     Raises:
         ParameterError: not exactly one sequence, a value out of range, or no such start.
         AnalysisError: ``folder`` holds another sweep, or can't be written.
     """
-    swept = {name: given for name, given in values.items() if np.ndim(given) == 1}
+    swept = {name: given for name, given in values.items() if np.ndim(given) and _is_number(name)}
     if len(swept) != 1:
         raise ParameterError(
-            f"a bifurcation diagram goes over one parameter, got sequences for {list(swept)}: "
-            "write delta_T=np.linspace(0, 100, 400)"
+            "a bifurcation diagram goes over one parameter that is a number, got sequences for "
+            f"{list(swept)}: write delta_T=np.linspace(0, 100, 400)"
         )
     (name, along), starts = *swept.items(), (start,) if isinstance(start, str) else tuple(start)
     if not starts or not set(starts) <= set(STARTS):
@@ -130,7 +136,7 @@ def bifurcation(
     parameters, actives = parts_of(gear, effects)
     others = {key: given for key, given in values.items() if key not in swept}
     base = with_sweep_steps(parameters.changed(others), others)
-    axis = Axis(name, tuple(float(one) for one in along))
+    axis = Axis(name, tuple(float(value) for value in along))
     look = Observation(transient, cycles, min(cycles, 100), mesh=base.layout.meshes[0])
     with tempfile.TemporaryDirectory() as unkept:
         stores = []

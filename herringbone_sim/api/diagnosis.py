@@ -93,23 +93,24 @@ class Diagnosis(NotebookResult):
 
     def facts(self) -> list[tuple[str, str]]:
         return [
-            (f"{one.probability:.1%}", f"{one.effect} at {one.place}") for one in self.causes[:5]
+            (f"{cause.probability:.1%}", f"{cause.effect} at {cause.place}")
+            for cause in self.causes[:5]
         ]
 
     def to_pandas(self) -> Any:
         """``pandas.DataFrame`` with a row per cause and parameter, with its 90 % interval."""
         rows = [
             {
-                "effect": one.effect,
-                "place": one.place,
-                "probability": one.probability,
+                "effect": cause.effect,
+                "place": cause.place,
+                "probability": cause.probability,
                 "parameter": name,
                 "value": value.value,
                 "ci90": value.ci90,
                 "unit": value.unit,
             }
-            for one in self.causes
-            for name, value in one.parameters.items()
+            for cause in self.causes
+            for name, value in cause.parameters.items()
         ]
         return data_frame(
             {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
@@ -166,14 +167,14 @@ class Catalogue(NotebookResult):
         return f"{len(effects())} effects"
 
     def facts(self) -> list[tuple[str, str]]:
-        return [(one.id, one.text) for one in effects().values()]
+        return [(effect.id, effect.text) for effect in effects().values()]
 
     def to_pandas(self) -> Any:
         """``pandas.DataFrame`` with a row per parameter of each effect: unit, bounds, meaning."""
         rows = [
-            (one.id, one.level, p.name, p.unit, p.low, p.high, p.text)
-            for one in effects().values()
-            for p in one.parameters
+            (effect.id, effect.level, p.name, p.unit, p.low, p.high, p.text)
+            for effect in effects().values()
+            for p in effect.parameters
         ]
         names = ("effect", "level", "parameter", "unit", "low", "high", "meaning")
         return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))

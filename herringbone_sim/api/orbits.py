@@ -34,8 +34,11 @@ class Orbits(NotebookResult):
 
     def facts(self) -> list[tuple[str, str]]:
         return [
-            (f"P{one.period}", ", ".join(f"{b.kind} at {b.value:.6g}" for b in one.boundaries))
-            for one in self.branches
+            (
+                f"P{followed.period}",
+                ", ".join(f"{b.kind} at {b.value:.6g}" for b in followed.boundaries),
+            )
+            for followed in self.branches
         ]
 
     def plot(self, mesh: int = 0) -> Picture:
@@ -50,9 +53,9 @@ class Orbits(NotebookResult):
     def to_pandas(self) -> Any:
         """``pandas.DataFrame`` with a row per orbit: branch, value, period and stability."""
         rows = [
-            (number, point.value, one.period, stability_of(point))
-            for number, one in enumerate(self.branches, start=1)
-            for point in one.branch.points
+            (number, point.value, followed.period, stability_of(point))
+            for number, followed in enumerate(self.branches, start=1)
+            for point in followed.branch.points
         ]
         names = ("branch", self.over, "period", "stability")
         return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
@@ -61,8 +64,8 @@ class Orbits(NotebookResult):
         """``pandas.DataFrame`` with a row per boundary, by value: kind, branch and period."""
         rows = [
             (b.value, b.kind, number, b.period)
-            for number, one in enumerate(self.branches, start=1)
-            for b in one.boundaries
+            for number, followed in enumerate(self.branches, start=1)
+            for b in followed.boundaries
         ]
         names = (self.over, "kind", "branch", "period")
         return data_frame({name: [row[i] for row in sorted(rows)] for i, name in enumerate(names)})
@@ -98,7 +101,7 @@ def orbits(
     parameters = parameters.changed(changes)
     family, watch = gear_family(parameters, over, *between, actives)
     gears = GearCache(parameters, over, actives)
-    pairs = [one if isinstance(one, tuple) else (one, None) for one in start]
+    pairs = [entry if isinstance(entry, tuple) else (entry, None) for entry in start]
     starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
     branches = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
     return Orbits(over, tuple(branches), parameters)

@@ -58,8 +58,11 @@ class Run(NotebookResult):
             AnalysisError: the run has no phase or no displacement, or is too short.
         """
         numbers = [
-            (one.t_s, {k: float(v) for k, v in one.values.items() if isinstance(v, (int, float))})
-            for one in self.changes
+            (
+                change.t_s,
+                {k: float(v) for k, v in change.values.items() if isinstance(v, (int, float))},
+            )
+            for change in self.changes
         ]
         return analyze_series(self.samples, numbers, Options(), self._gear)
 
@@ -89,7 +92,7 @@ class Run(NotebookResult):
 
     def facts(self) -> list[tuple[str, str]]:
         span = float(self.t[-1] - self.t[0])
-        motions = ", ".join(one.label for one in self.segments)
+        motions = ", ".join(segment.label for segment in self.segments)
         facts = [
             (
                 "samples",

@@ -78,11 +78,11 @@ def _completed(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
     """Arguments with the value of ``Alone`` added to options that are given without a value."""
     alone = {name: value for a in known for value in _notes(a, Alone) for name in a.names}
     last = words.index("--") if "--" in words else len(words)
-    found = list(words)
+    completed = list(words)
     for i, word in enumerate(words[:last]):
         if word in alone and (i + 1 == last or re.match(r"-(?![\d.])", words[i + 1])):
-            found[i] = f"{word}={alone[word].value}"
-    return found
+            completed[i] = f"{word}={alone[word].value}"
+    return completed
 
 
 def _wrong(error: CycloptsError, known: Sequence[Argument], words: Sequence[str]) -> str:
@@ -164,8 +164,8 @@ def _label(argument: Argument) -> str:
 def _notes(argument: Argument, kind: type[T]) -> list[T]:
     """All objects of a type in the annotation of an argument, the innermost first."""
 
-    def found(hint: Any) -> Iterator[T]:
+    def notes_in(hint: Any) -> Iterator[T]:
         for part in () if get_origin(hint) is Literal else get_args(hint):
-            yield from [part] if isinstance(part, kind) else found(part)
+            yield from [part] if isinstance(part, kind) else notes_in(part)
 
-    return list(found(argument.field_info.annotation))
+    return list(notes_in(argument.field_info.annotation))

@@ -190,7 +190,7 @@ def facts(
 
 def _short(value: Any) -> str:
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_short(one) for one in value)}]"
+        return f"[{', '.join(_short(element) for element in value)}]"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 

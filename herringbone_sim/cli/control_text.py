@@ -54,19 +54,24 @@ def least_line(place: str, amplitude: LeastAmplitude) -> str:
 
 
 def window_lines(survey: Survey) -> Lines:
-    """Lines on the ranges of K of equal period, from the first two starts, at few delta_T."""
+    """Lines on the ranges of K of equal period, from the first two starts, at few delta_T.
+
+    P1 has the period of the forcing, that of effects and control together; if these have none in
+    common, of the effects.
+    """
     lines = []
     for i, value in enumerate(survey.axis.values):
+        forcing = survey.target_cycles({survey.axis.name: value}, 1) or survey.forcing
         for j in (0, 1) if value in nearest(survey.axis, PRINTED_DELTA_T) else ():
             ranges = windows(survey.K, survey.of("period")[i, :, j])
-            texts = (f"{a:.2f}-{b:.2f} {motion(period)}" for period, a, b in ranges)
+            texts = (f"{a:.2f}-{b:.2f} {motion(period, forcing)}" for period, a, b in ranges)
             lines.append(f"delta_T {value:5.1f}  {survey.starts.names[j]:8s} {', '.join(texts)}")
     return lines
 
 
 def contact_lines(survey: Survey) -> Lines:
     """Line on the loss of contact in controlled P1 motions from the zero start, if any."""
-    chosen = (survey.of("period")[:, :, 0] == 1) & (survey.K > 0.0)
+    chosen = survey.reached(Target(1, "zero")) & (survey.K > 0.0)
     if not chosen.any():
         return []
     apart, loss = (survey.of(name)[:, :, 0][chosen] for name in ("apart", "contact_loss"))

@@ -103,7 +103,7 @@ def run(
 
 
 def _total(scenarios: Sequence[Scenario], sizes: SweepSizes) -> int:
-    """Number of simulations, for the progress bar, if every boundary can be bisected."""
+    """Largest number of simulations, for the progress bar."""
     each = sizes.values
     if sizes.compared:
         each += reproduction.compared_runs(sizes.compared)

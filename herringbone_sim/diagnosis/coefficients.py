@@ -92,8 +92,8 @@ class CampaignProducts:
     @property
     def is_finite(self) -> bool:
         """Whether all products are finite; they are not where the motion of a run diverges."""
-        every = (self.chi2, *self._G.values(), *self._c.values())
-        return all(bool(np.isfinite(one).all()) for one in every)
+        products = (self.chi2, *self._G.values(), *self._c.values())
+        return all(bool(np.isfinite(values).all()) for values in products)
 
     def _prepare_base(self) -> None:
         """Store the products of the base with itself, with all functions and with nuisances."""
@@ -104,8 +104,8 @@ class CampaignProducts:
             G, c = self._G[o], self._c[o]
             products = np.zeros((runs, p, *c.shape[1:]))
             nuisances = np.zeros((runs, p, self._x[o].shape[1]))
-            for i, one in enumerate(self.base):
-                for row, f, w in self._entries(one, o):
+            for i, coefficient in enumerate(self.base):
+                for row, f, w in self._entries(coefficient, o):
                     products[:, i, row] += w[:, None] * G[:, row, f]
                     nuisances[:, i] += w[:, None] * self._x[o][:, :, row, f]
             self._base_G[o], self._base_x[o] = products, nuisances
@@ -129,8 +129,8 @@ class CampaignProducts:
             products: (runs, p, R, Q) of the base with all functions.
             nuisances: (runs, p, T) of the base with the shared nuisances.
         """
-        for i, one in enumerate(coefficients):
-            for row, f, w in self._entries(one, o):
+        for i, coefficient in enumerate(coefficients):
+            for row, f, w in self._entries(coefficient, o):
                 A[:, :, i] += products[:, :, row, f] * w[:, None]
                 b[:, i] += self._c[o][:, row, f] * w
                 b[:, i] -= np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o]) * w
@@ -142,8 +142,8 @@ class CampaignProducts:
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
         for o in self.observations:
             used: dict[int, dict[int, int]] = {}
-            for one in coefficients:
-                for row, f, _ in self._entries(one, o):
+            for coefficient in coefficients:
+                for row, f, _ in self._entries(coefficient, o):
                     at = used.setdefault(row, {})
                     at.setdefault(f, len(at))
             if used:
@@ -171,8 +171,8 @@ class CampaignProducts:
         for row, places in used.items():
             index = np.array(list(places))
             W = np.zeros((runs, q, len(index)))
-            for i, one in enumerate(coefficients):
-                for at_row, f, w in self._entries(one, o):
+            for i, coefficient in enumerate(coefficients):
+                for at_row, f, w in self._entries(coefficient, o):
                     if at_row == row:
                         W[:, i, places[f]] += w
             T = W.transpose(0, 2, 1)

@@ -89,30 +89,35 @@ class Evidence:
             for c in data["candidates"]
         )
         remains, screened = dict(data["remains"]), dict(data["screened"])
-        told, uneven = bool(data["told"]), float(data["uneven"])
-        return cls(float(data["count"]), candidates, remains, screened, told, uneven)
+        noise_known, uneven = bool(data["told"]), float(data["uneven"])
+        return cls(float(data["count"]), candidates, remains, screened, noise_known, uneven)
 
 
-def evidence_of(found: Examination, noise_known: bool = True) -> Evidence:
+def evidence_of(examination: Examination, noise_known: bool = True) -> Evidence:
     """Summarise an examination as evidence; ``noise_known``: whether the campaign gives noise."""
-    every = (found.none, *found.singles, *found.pairs)
-    remains = {name: sum(p.predicted for p in of.values()) for name, of in found.flexible.items()}
-    candidates = tuple(_candidate(f, found.counts) for f in every)
-    rows = [np.mean(n**2, axis=0) for n in found.noise.values()]
+    explanations = (examination.none, *examination.singles, *examination.pairs)
+    remains = {
+        name: sum(p.predicted for p in by_observation.values())
+        for name, by_observation in examination.flexible.items()
+    }
+    candidates = tuple(_candidate(f, examination.counts) for f in explanations)
+    rows = [np.mean(n**2, axis=0) for n in examination.noise.values()]
     uneven = max((float(n.max() / np.median(n)) for n in rows), default=1.0)
-    return Evidence(found.count, candidates, remains, dict(found.screened), noise_known, uneven)
+    return Evidence(
+        examination.count, candidates, remains, dict(examination.screened), noise_known, uneven
+    )
 
 
-def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candidate:
+def _candidate(explanation: FittedExplanation, counts: Mapping[str, float]) -> Candidate:
     """Summarise one explanation; ``counts``: number of whitened values, by observation."""
-    score = found.score
+    score = explanation.score
     return Candidate(
-        tuple(h.effect for h in found.hypotheses),
-        tuple(str(h.locus) for h in found.hypotheses),
+        tuple(h.effect for h in explanation.hypotheses),
+        tuple(str(h.locus) for h in explanation.hypotheses),
         float(score.chi2.sum()),
         score.in_sample,
-        sum(len(h.coefficients) for h in found.hypotheses),
-        _strain(found),
+        sum(len(h.coefficients) for h in explanation.hypotheses),
+        _strain(explanation),
         max(
             float(rows.sum()) / counts[o]
             for o, rows in score.chi2_by_row.items()
@@ -122,16 +127,16 @@ def _candidate(found: FittedExplanation, counts: Mapping[str, float]) -> Candida
     )
 
 
-def _strain(found: FittedExplanation) -> float:
+def _strain(explanation: FittedExplanation) -> float:
     """Largest ``Candidate.strain`` over the effects of an explanation."""
-    every = [h.coefficients for h in found.hypotheses]
-    first = len(found.score.coefficients) - sum(len(c) for c in every)
+    by_effect = [h.coefficients for h in explanation.hypotheses]
+    first = len(explanation.score.coefficients) - sum(len(c) for c in by_effect)
     strains = [0.0]
-    for h, own in zip(found.hypotheses, every, strict=True):
-        mean = found.score.mean[first : first + len(own)]
-        first += len(own)
-        squares = (mean / np.array([c.sd for c in own])) ** 2
-        if len(own) > h.n_own:
+    for h, coefficients in zip(explanation.hypotheses, by_effect, strict=True):
+        mean = explanation.score.mean[first : first + len(coefficients)]
+        first += len(coefficients)
+        squares = (mean / np.array([c.sd for c in coefficients])) ** 2
+        if len(coefficients) > h.n_own:
             strains.append(
                 float(squares[h.n_own :].mean() / max(squares[: h.n_own].mean(), 1e-12))
             )

@@ -85,7 +85,7 @@ def examine(
             at most as much as the best single effect leaves.
     """
     say("calibration")
-    machine, search, none, left = _calibrated_by_enough(machine, noise_known)
+    machine, search, none, remainder = _calibrated_by_enough(machine, noise_known)
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = rank(search, catalogue, None)
@@ -97,7 +97,7 @@ def examine(
     say("fits")
     gain = none.loss - min((r[0] for r in ranked), default=none.loss)
     worth = search.worth
-    idle = gain < worth and _predicted_chi2(left) < MIN_GAIN_PER_VALUE * count
+    idle = gain < worth and _predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
     singles = fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
     if machine.estimates_states:
         if not idle:
@@ -105,23 +105,25 @@ def examine(
         again, *fitted = (fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
         if again is not none:
-            none, left = again, _predictable_remainder(search, again)
+            none, remainder = again, _predictable_remainder(search, again)
     say("what is left")
-    flexible = {"none": left}
+    flexible = {"none": remainder}
     pairs: tuple[FittedExplanation, ...] = ()
     if singles:
         first = simplest_equivalent(none, singles)
-        flexible["single"] = _predictable_remainder(search, singles[0], left)
+        flexible["single"] = _predictable_remainder(search, singles[0], remainder)
         if machine.estimates_states and not noise_known:
             noise = _less_noise(search.noise, flexible["single"])
             if noise is not None:
                 say("less noise")
                 before, idle = none.loss, False
                 search, none, singles = _with_noise(search, noise, none, singles)
-                ranked = [(v * none.loss / before, one, start) for v, one, start in ranked]
+                ranked = [
+                    (v * none.loss / before, hypothesis, start) for v, hypothesis, start in ranked
+                ]
                 first = simplest_equivalent(none, singles)
-                left = flexible["none"] = _predictable_remainder(search, none)
-                flexible["single"] = _predictable_remainder(search, singles[0], left)
+                remainder = flexible["none"] = _predictable_remainder(search, none)
+                flexible["single"] = _predictable_remainder(search, singles[0], remainder)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
         lacks_one = in_sample > NONLINEAR_CHI2 * count or (
@@ -133,33 +135,33 @@ def examine(
             least = 0.0 if lacks_one else worth
             pairs = fit_pairs(search, catalogue, first, least, singles)
             if pairs:
-                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
+                flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
                 better = refit_first_alone(search, first, pairs[0])
                 if better.loss < first.loss:
                     others = [f for f in singles if f is not first]
                     first = better
                     singles = tuple(sorted((first, *others), key=lambda f: f.loss))
-                    flexible["single"] = _predictable_remainder(search, singles[0], left)
+                    flexible["single"] = _predictable_remainder(search, singles[0], remainder)
             second = refit_second_alone(search, singles, pairs)
             if second is not None and not machine.estimates_states:  # for run time
-                more = fit_rivals_of_first(search, second, singles, pairs)
-                pairs = without_duplicates((*pairs, *more))
-                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
+                added_pairs = fit_rivals_of_first(search, second, singles, pairs)
+                pairs = without_duplicates((*pairs, *added_pairs))
+                flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
             if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
-                flexible["single"] = _predictable_remainder(search, second, left)
+                flexible["single"] = _predictable_remainder(search, second, remainder)
             elif not (pairs and _first_was_misfitted(first, pairs[0], flexible)):
                 second = None
             if (
                 second is not None
                 and _predicted_chi2(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
-                more = fit_pairs(search, catalogue, second, 0.0, singles)
-                pairs = without_duplicates((*pairs, *more))
-                flexible["pair"] = _predictable_remainder(search, pairs[0], left)
+                added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
+                pairs = without_duplicates((*pairs, *added_pairs))
+                flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
     screened: dict[str, float] = {}
-    for value, one, _ in ranked:
-        screened.setdefault(one.effect, value)
+    for value, hypothesis, _ in ranked:
+        screened.setdefault(hypothesis.effect, value)
     return Examination(
         count, counts, none, singles, pairs, screened, flexible, search.noise, machine
     )
@@ -174,15 +176,15 @@ def _calibrated_by_enough(
         The machine whose values were used, and what ``_calibrated`` returns.
     """
     search = Search(machine)
-    found = None
+    calibration = None
     if search.null.loss >= NONLINEAR_CHI2 * search.null.count:  # noise may turn out to be larger
-        found = _calibrated(search, noise_known)
-        search, none, _ = found
+        calibration = _calibrated(search, noise_known)
+        search, none, _ = calibration
         if none.loss >= NONLINEAR_CHI2 * none.score.count:
-            return machine, *found
+            return machine, *calibration
     larger = machine.with_more_values()
     if larger is None:
-        return machine, *(found or _calibrated(search, noise_known))
+        return machine, *(calibration or _calibrated(search, noise_known))
     return larger, *_calibrated(Search(larger, start=search.null.mean), noise_known)
 
 
@@ -195,16 +197,16 @@ def _calibrated(
         The search, the fit, and the predictable part of its residual by observation.
     """
     none = FittedExplanation((), search.settled(search.null))
-    left = _predictable_remainder(search, none)
+    remainder = _predictable_remainder(search, none)
     if not noise_known:
-        noise = {o: _noise_factors(p) for o, p in left.items()}
-        left = {o: p.with_noise_scaled(noise[o]) for o, p in left.items()}
+        noise = {o: _noise_factors(p) for o, p in remainder.items()}
+        remainder = {o: p.with_noise_scaled(noise[o]) for o, p in remainder.items()}
         search = Search(search.machine, noise, none.score.mean)
         none = FittedExplanation((), search.settled(search.null))
-    return search, none, left
+    return search, none, remainder
 
 
-def _noise_factors(found: Predictable) -> Array:
+def _noise_factors(predictable: Predictable) -> Array:
     """Factors (runs, R) on the assumed noise of each row (standard deviation), 1 or more.
 
     The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's chi2 that
@@ -213,18 +215,18 @@ def _noise_factors(found: Predictable) -> Array:
     rows is not noise.
 
     Args:
-        found: predictable part of the residual of one observation.
+        predictable: predictable part of the residual of one observation.
     """
-    share = (2.0 * found.left - found.chi2) / np.maximum(found.count, 1.0)
-    most = np.ones((len(share), 1))
-    for of_run, known, limit in zip(share, found.count > 0.0, most, strict=True):
+    share = (2.0 * predictable.left - predictable.chi2) / np.maximum(predictable.count, 1.0)
+    limits = np.ones((len(share), 1))
+    for of_run, known, limit in zip(share, predictable.count > 0.0, limits, strict=True):
         if known.any():
             limit[0] = np.quantile(of_run[known], NOISE_QUANTILE)
-    return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(most, 1.0))))
+    return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(limits, 1.0))))
 
 
 def _less_noise(
-    assumed: Mapping[str, Array], left: Mapping[str, Predictable]
+    assumed: Mapping[str, Array], remainder: Mapping[str, Predictable]
 ) -> dict[str, Array] | None:
     """Estimate the noise factors again, from the residual of an effect; at most those assumed.
 
@@ -233,17 +235,17 @@ def _less_noise(
 
     Args:
         assumed: (runs, R) factors by observation.
-        left: predictable part of the residual of the effect, for these factors.
+        remainder: predictable part of the residual of the effect, for these factors.
 
     Returns:
         (runs, R) factors by observation; None where they fall by too little.
     """
-    found = {}
-    for o, p in left.items():
+    factors = {}
+    for o, p in remainder.items():
         of_machine = p.with_noise_scaled(1.0 / assumed[o])
-        found[o] = np.minimum(_noise_factors(of_machine), assumed[o])
-    fallen = max(float(np.mean(1.0 - (found[o] / assumed[o]) ** 2)) for o in found)
-    return found if fallen > MIN_GAIN_PER_VALUE else None
+        factors[o] = np.minimum(_noise_factors(of_machine), assumed[o])
+    fallen = max(float(np.mean(1.0 - (factors[o] / assumed[o]) ** 2)) for o in factors)
+    return factors if fallen > MIN_GAIN_PER_VALUE else None
 
 
 def _with_noise(
@@ -265,27 +267,29 @@ def _recorded_rows(chi2: Array) -> NDArray[np.bool_]:
     return recorded
 
 
-def _predicted_chi2(left: Mapping[str, Predictable]) -> float:
+def _predicted_chi2(remainder: Mapping[str, Predictable]) -> float:
     """Predictable chi2, summed over the observations."""
-    return sum(p.predicted for p in left.values())
+    return sum(p.predicted for p in remainder.values())
 
 
 def _first_was_misfitted(
     first: FittedExplanation,
     pair: FittedExplanation,
-    left: Mapping[str, Mapping[str, Predictable]],
+    remainder: Mapping[str, Mapping[str, Predictable]],
 ) -> bool:
     """Whether a pair removes much, and yet leaves much that is predictable.
 
     Much is half of the chi2 predictable under the best single effect. Then the first effect,
     which was chosen alone, is probably the wrong partner of the second.
     """
-    half = 0.5 * _predicted_chi2(left["single"])
-    return first.loss - pair.loss > half and _predicted_chi2(left["pair"]) > half
+    half = 0.5 * _predicted_chi2(remainder["single"])
+    return first.loss - pair.loss > half and _predicted_chi2(remainder["pair"]) > half
 
 
 def _predictable_remainder(
-    search: Search, found: FittedExplanation, of_none: Mapping[str, Predictable] | None = None
+    search: Search,
+    explanation: FittedExplanation,
+    of_none: Mapping[str, Predictable] | None = None,
 ) -> dict[str, Predictable]:
     """Predictable part of the residual of an explanation, by observation.
 
@@ -293,29 +297,29 @@ def _predictable_remainder(
         of_none: that of the fit without effects, reused for observations on which no coefficient
             of the explanation acts.
     """
-    search = found.search or search
+    search = explanation.search or search
     machine = search.machine.without_linearisation()
     fine = copy.copy(search)
     fine.machine = machine
-    every = found.score.coefficients
-    made = amplitudes(every, found.score.mean, search.runs, search.rows)
+    coefficients = explanation.score.coefficients
+    fitted_amplitudes = amplitudes(coefficients, explanation.score.mean, search.runs, search.rows)
     result = {}
     for o in machine.functions:
-        if of_none is not None and o in of_none and o not in made:
+        if of_none is not None and o in of_none and o not in fitted_amplitudes:
             result[o] = of_none[o]
             continue
-        blocks = fine.blocks(made, {}, (o,))
+        blocks = fine.blocks(fitted_amplitudes, {}, (o,))
         if not all(o in b for b in blocks):
             continue
-        own = [b[o] for b in blocks]
+        by_run = [b[o] for b in blocks]
         numbers = []
-        for r, b in enumerate(own):
+        for r, b in enumerate(by_run):
             at = b.sample_index if b.sample_index is not None else np.arange(len(b.residual))
             numbers.append((machine.cycles(o, r)[at] // BLOCK_CYCLES).astype(int))
         result[o] = predict_residuals(
-            parallel_map(residual_without_nuisance, own),
-            [machine.regression_inputs(o, r, b) for r, b in enumerate(own)],
+            parallel_map(residual_without_nuisance, by_run),
+            [machine.regression_inputs(o, r, b) for r, b in enumerate(by_run)],
             numbers,
-            own[0].independent_share,
+            by_run[0].independent_share,
         )
     return result

@@ -63,7 +63,7 @@ def simplest_equivalent(
 
 
 def rank(
-    search: Search, catalogue: Sequence[Hypothesis], taken: Score | None
+    search: Search, catalogue: Sequence[Hypothesis], base_fit: Score | None
 ) -> tuple[Search, Ranking]:
     """Rank the catalogue and the machine's proposals by linear scores, added to a fit.
 
@@ -72,75 +72,82 @@ def rank(
     too much, nonlinear trials come first.
 
     Args:
-        taken: fit to which a hypothesis is added, as the base; None: the fit of ``search.null``.
+        base_fit: fit to which a hypothesis is added, as the base; None: that of ``search.null``.
 
     Returns:
         Search with the functions of the proposals, and the ranking, best first.
     """
-    known = search.null if taken is None else taken
-    made = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
-    machine, proposed = search.machine.proposals(made, known)
-    search = search.onwards(machine, taken)
-    quick = sorted(((search.quick(one.coefficients), i) for i, one in enumerate(catalogue)))
+    known = search.null if base_fit is None else base_fit
+    fitted_amplitudes = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
+    machine, proposed = search.machine.proposals(fitted_amplitudes, known)
+    search = search.onwards(machine, base_fit)
+    quick = sorted(
+        ((search.quick(hypothesis.coefficients), i) for i, hypothesis in enumerate(catalogue))
+    )
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
     for _, i in quick:
-        one = catalogue[i]
-        if per.get(one.effect, 0) < MAX_SCREENED_PER_EFFECT or not one.vanishes_at_zero:
-            per[one.effect] = per.get(one.effect, 0) + 1
-            chosen.append(one)
-    found: Ranking = []
-    for one in (*chosen, *proposed):
-        score = search.screened(one.coefficients, 0.3)
-        left, start = score.loss, score.mean
-        if one.measured_gain is not None:
-            left = search.null.loss - one.measured_gain
-            start = np.array([*one.base_mean, *(c.center for c in one.coefficients)])
-        found.append((left, one, start))
-    found.sort(key=lambda f: f[0])
-    if found and found[0][0] > NONLINEAR_CHI2 * search.null.count:
+        hypothesis = catalogue[i]
+        if (
+            per.get(hypothesis.effect, 0) < MAX_SCREENED_PER_EFFECT
+            or not hypothesis.vanishes_at_zero
+        ):
+            per[hypothesis.effect] = per.get(hypothesis.effect, 0) + 1
+            chosen.append(hypothesis)
+    ranking: Ranking = []
+    for hypothesis in (*chosen, *proposed):
+        score = search.screened(hypothesis.coefficients, 0.3)
+        loss, start = score.loss, score.mean
+        if hypothesis.measured_gain is not None:
+            loss = search.null.loss - hypothesis.measured_gain
+            start = np.array([*hypothesis.base_mean, *(c.center for c in hypothesis.coefficients)])
+        ranking.append((loss, hypothesis, start))
+    ranking.sort(key=lambda f: f[0])
+    if ranking and ranking[0][0] > NONLINEAR_CHI2 * search.null.count:
         tried = search.machine.nonlinear_trials(
-            [(one, start) for _, one, start in found], search.null
+            [(hypothesis, start) for _, hypothesis, start in ranking], search.null
         )
-        known_better = {id(one) for _, one, _ in tried}
-        rest = [f for f in found if id(f[1]) not in known_better]
-        found = [*tried, *(rest[:MIN_FITTED] if tried else rest)]
-    return search, found
+        known_better = {id(hypothesis) for _, hypothesis, _ in tried}
+        others = [f for f in ranking if id(f[1]) not in known_better]
+        ranking = [*tried, *(others[:MIN_FITTED] if tried else others)]
+    return search, ranking
 
 
 def fit_best(
-    search: Search, ranked: Ranking, most: int, per_effect: int
+    search: Search, ranked: Ranking, max_fits: int, per_effect: int
 ) -> tuple[FittedExplanation, ...]:
-    """Fit the best ranked hypotheses exactly, best first: ``most`` in all, ``per_effect`` of each.
+    """Fit the best ranked hypotheses exactly: ``max_fits`` in all, ``per_effect`` of each effect.
+
+    The fits are best first.
 
     Partly screened hypotheses of an effect are counted apart, as the part that the screen misses
     may be why they are ranked behind its others.
     """
     fits: list[FittedExplanation] = []
     per: dict[tuple[str, bool], int] = {}
-    for _, one, start in ranked:
-        if len(fits) == most:
+    for _, hypothesis, start in ranked:
+        if len(fits) == max_fits:
             break
-        family = (one.effect, one.partly_screened)
+        family = (hypothesis.effect, hypothesis.partly_screened)
         if per.get(family, 0) < per_effect:
             per[family] = per.get(family, 0) + 1
-            fits.append(_fitted(search, one, start))
+            fits.append(_fitted(search, hypothesis, start))
     return tuple(sorted(fits, key=lambda f: f.loss))
 
 
-def _fitted(search: Search, one: Hypothesis, start: Array) -> FittedExplanation:
+def _fitted(search: Search, hypothesis: Hypothesis, start: Array) -> FittedExplanation:
     """Fit one effect exactly from ``start`` (p,).
 
     A fit that leaves more chi2 than ``search.null`` is in a wrong minimum: it is made again from
     zero size, except for effects that are present or absent (``vanishes_at_zero``).
     """
-    score = search.settled(search.refined(one.coefficients, start))
+    score = search.settled(search.refined(hypothesis.coefficients, start))
     astray = score.in_sample > search.null.in_sample + CHANCE_CHI2
-    if astray and one.vanishes_at_zero:
-        base = np.concatenate([search.null.mean, np.zeros(len(one.coefficients))])
-        again = search.settled(search.refined(one.coefficients, base))
+    if astray and hypothesis.vanishes_at_zero:
+        base = np.concatenate([search.null.mean, np.zeros(len(hypothesis.coefficients))])
+        again = search.settled(search.refined(hypothesis.coefficients, base))
         score = min(score, again, key=lambda s: s.in_sample)
-    return FittedExplanation((one,), score)
+    return FittedExplanation((hypothesis,), score)
 
 
 def with_unscreened(
@@ -152,32 +159,35 @@ def with_unscreened(
     best effect at its place, from the tolerances of that fit, unless its present fit is better.
     """
     effects = {f.hypotheses[0].effect for f in singles}
-    found = list(singles)
-    for _, one, start in ranked:
-        if one.effect not in effects and not one.is_linear:
-            effects.add(one.effect)
-            found.append(_fitted(search, one, start))
-    if not found:
+    fits = list(singles)
+    for _, hypothesis, start in ranked:
+        if hypothesis.effect not in effects and not hypothesis.is_linear:
+            effects.add(hypothesis.effect)
+            fits.append(_fitted(search, hypothesis, start))
+    if not fits:
         return ()
-    best = min(found, key=lambda f: f.loss)
-    own, n = best.hypotheses[0], len(search.base)
-    for _, one, start in ranked:
-        alike = (one.effect, one.locus) == (own.effect, own.locus)
-        if alike and one.law != own.law:
-            again = _fitted(search, one, np.concatenate([best.score.mean[:n], start[n:]]))
-            before = next((f for f in found if f.hypotheses[0] is one), again)
-            found = [f for f in found if f is not before]
-            found.append(min(before, again, key=lambda f: f.loss))
-    return tuple(sorted(found, key=lambda f: f.loss))
+    best = min(fits, key=lambda f: f.loss)
+    best_hypothesis, n = best.hypotheses[0], len(search.base)
+    for _, hypothesis, start in ranked:
+        alike = (hypothesis.effect, hypothesis.locus) == (
+            best_hypothesis.effect,
+            best_hypothesis.locus,
+        )
+        if alike and hypothesis.law != best_hypothesis.law:
+            again = _fitted(search, hypothesis, np.concatenate([best.score.mean[:n], start[n:]]))
+            before = next((f for f in fits if f.hypotheses[0] is hypothesis), again)
+            fits = [f for f in fits if f is not before]
+            fits.append(min(before, again, key=lambda f: f.loss))
+    return tuple(sorted(fits, key=lambda f: f.loss))
 
 
-def fit_again(search: Search, found: FittedExplanation) -> FittedExplanation:
+def fit_again(search: Search, explanation: FittedExplanation) -> FittedExplanation:
     """Fit an explanation again from its solution; return the fit with the smaller loss.
 
     States of motion found since, under another explanation, may lead out of a wrong minimum.
     """
-    again = replace(found, score=search.settled(found.score))
-    return min(found, again, key=lambda f: f.loss)
+    again = replace(explanation, score=search.settled(explanation.score))
+    return min(explanation, again, key=lambda f: f.loss)
 
 
 def fit_pairs(
@@ -200,52 +210,63 @@ def fit_pairs(
     Returns:
         Fitted pairs, best first.
     """
-    own = first.hypotheses[0]
-    others = [h for h in catalogue if (h.effect, h.locus) != (own.effect, own.locus)]
-    then, ranked = rank(search, others, first.score)
-    most = first.loss - least if least else np.inf
-    different = [r for r in ranked if r[1].effect != own.effect and r[0] < most]
-    fits = fit_best(then, different, MAX_FITTED_PAIRS, 1)
+    first_hypothesis = first.hypotheses[0]
+    others = [
+        h
+        for h in catalogue
+        if (h.effect, h.locus) != (first_hypothesis.effect, first_hypothesis.locus)
+    ]
+    search_with_first, ranked = rank(search, others, first.score)
+    loss_limit = first.loss - least if least else np.inf
+    different = [r for r in ranked if r[1].effect != first_hypothesis.effect and r[0] < loss_limit]
+    fits = fit_best(search_with_first, different, MAX_FITTED_PAIRS, 1)
     enough = (1.0 + MIN_GAIN_PER_VALUE) * first.score.count
     if fits and all(f.score.in_sample > enough for f in fits):
-        fits = (*fits, *_beside_singles(then, own, singles, fits))
-    found = (FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
-    return tuple(sorted(found, key=lambda f: f.loss))
+        fits = (*fits, *_beside_singles(search_with_first, first_hypothesis, singles, fits))
+    pairs = (
+        FittedExplanation((first_hypothesis, *f.hypotheses), f.score, search_with_first)
+        for f in fits
+    )
+    return tuple(sorted(pairs, key=lambda f: f.loss))
 
 
 def _beside_singles(
     search: Search,
-    own: Hypothesis,
+    base_hypothesis: Hypothesis,
     singles: Sequence[FittedExplanation],
     tried: Sequence[FittedExplanation],
 ) -> list[FittedExplanation]:
-    """Fit at most ``MAX_PAIRS_OF_SINGLES`` untried singles beside ``own``, the search's base."""
+    """Fit at most ``MAX_PAIRS_OF_SINGLES`` untried singles beside the hypothesis of the base."""
     seen = {_key(f.hypotheses[0]) for f in tried}
-    effects = {own.effect}
-    found: list[FittedExplanation] = []
+    effects = {base_hypothesis.effect}
+    fits: list[FittedExplanation] = []
     for f in singles:
-        one = f.hypotheses[0]
-        if one.effect in effects or one.source is not None or _key(one) in seen:
+        hypothesis = f.hypotheses[0]
+        if (
+            hypothesis.effect in effects
+            or hypothesis.source is not None
+            or _key(hypothesis) in seen
+        ):
             continue
-        effects.add(one.effect)
-        alone = f.score.mean[-len(one.coefficients) :]
-        found.append(_fitted(search, one, np.concatenate([search.null.mean, alone])))
-        if len(found) == MAX_PAIRS_OF_SINGLES:
+        effects.add(hypothesis.effect)
+        alone = f.score.mean[-len(hypothesis.coefficients) :]
+        fits.append(_fitted(search, hypothesis, np.concatenate([search.null.mean, alone])))
+        if len(fits) == MAX_PAIRS_OF_SINGLES:
             break
-    return found
+    return fits
 
 
 def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
     """Keep, of fits with the same hypotheses, that with the least loss; return fits best first."""
-    found: dict[frozenset[Any], FittedExplanation] = {}
+    unique: dict[frozenset[Any], FittedExplanation] = {}
     for f in sorted(fits, key=lambda f: f.loss):
-        found.setdefault(frozenset(map(_key, f.hypotheses)), f)
-    return tuple(found.values())
+        unique.setdefault(frozenset(map(_key, f.hypotheses)), f)
+    return tuple(unique.values())
 
 
-def _key(one: Hypothesis) -> tuple[str, Any, Any]:
+def _key(hypothesis: Hypothesis) -> tuple[str, Any, Any]:
     """Effect, options and locus, which identify a hypothesis."""
-    return one.effect, one.options, one.locus
+    return hypothesis.effect, hypothesis.options, hypothesis.locus
 
 
 def refit_first_alone(
@@ -271,12 +292,12 @@ def refit_second_alone(
     pair = next((f for f in pairs if f.hypotheses[1].source is None), None)
     if pair is None:
         return None
-    one = pair.hypotheses[1]
+    second = pair.hypotheses[1]
     for f in singles:
-        if _key(f.hypotheses[0]) == _key(one):
+        if _key(f.hypotheses[0]) == _key(second):
             return f
-    start = np.concatenate([search.null.mean, pair.score.mean[-len(one.coefficients) :]])
-    return FittedExplanation((one,), search.settled(search.refined(one.coefficients, start)))
+    start = np.concatenate([search.null.mean, pair.score.mean[-len(second.coefficients) :]])
+    return FittedExplanation((second,), search.settled(search.refined(second.coefficients, start)))
 
 
 def fit_rivals_of_first(
@@ -289,9 +310,14 @@ def fit_rivals_of_first(
 
     The first effect of the pair was the best one only as long as the second was not in the model.
     """
-    own = second.hypotheses[0]
-    tried = {h.effect for f in pairs for h in f.hypotheses if own.effect in f.effects}
+    second_hypothesis = second.hypotheses[0]
+    tried = {
+        h.effect for f in pairs for h in f.hypotheses if second_hypothesis.effect in f.effects
+    }
     others = [f for f in singles if f.hypotheses[0].effect not in tried]
-    then = search.onwards(search.machine, second.score)
-    fits = _beside_singles(then, own, others, ())
-    return tuple(FittedExplanation((own, *f.hypotheses), f.score, then) for f in fits)
+    search_with_second = search.onwards(search.machine, second.score)
+    fits = _beside_singles(search_with_second, second_hypothesis, others, ())
+    return tuple(
+        FittedExplanation((second_hypothesis, *f.hypotheses), f.score, search_with_second)
+        for f in fits
+    )

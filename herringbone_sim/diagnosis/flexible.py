@@ -198,17 +198,17 @@ class _HalfPair:
             tuple(halves), parts, A, tuple(p.T @ y[h] for p, h in zip(parts, halves, strict=True))
         )
 
-    def predict(self, y: Array, most: int, ridge: float, off: Array) -> None:
+    def predict(self, y: Array, max_features: int, ridge: float, off: Array) -> None:
         """Write the error of the residual y (n,), predicted across the halves, to ``off`` (n,).
 
         Args:
-            most: number of features used, those most correlated with the residual.
+            max_features: number of features used, those most correlated with the residual.
             ridge: penalty of the regression.
         """
         for own, other in ((0, 1), (1, 0)):
             A, b = self.A[other], self.b[other]
-            if most < len(b):
-                use = np.argsort(-(b**2) / np.maximum(np.diag(A), 1e-12))[:most]
+            if max_features < len(b):
+                use = np.argsort(-(b**2) / np.maximum(np.diag(A), 1e-12))[:max_features]
                 A, b, P = A[np.ix_(use, use)], b[use], self.P[own][:, use]
             else:
                 P = self.P[own]
@@ -223,19 +223,19 @@ def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
         P: (n, F) features.
         fold, run: (n,) half (0 or 1) and run of each sample.
     """
-    whole = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
+    all_runs = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
     # Also run by run: dependence on quantities constant within a run need not be smooth.
     alone = [
         _HalfPair.build(P, y, [np.flatnonzero((fold == h) & (run == r)) for h in (0, 1)])
         for r in np.unique(run)
     ]
-    tried = [([whole], P.shape[1], ridge) for ridge in RIDGES]
-    tried += [([whole], most, 1.0) for most in SPARSE_SIZES]
+    tried = [([all_runs], P.shape[1], ridge) for ridge in RIDGES]
+    tried += [([all_runs], max_features, 1.0) for max_features in SPARSE_SIZES]
     tried += [(alone, SPARSE_SIZES[0], 1.0)]
     best = y
-    for folds, most, ridge in tried:
+    for folds, max_features, ridge in tried:
         off = y.copy()
-        for one in folds:
-            one.predict(y, most, ridge, off)
+        for halves in folds:
+            halves.predict(y, max_features, ridge, off)
         best = off if float(off @ off) < float(best @ best) else best
     return best

@@ -181,7 +181,7 @@ def cross_gram(
 
     Nuisance parameters are marginalised.
     """
-    found = np.zeros((len(ones), len(others)))
+    gram = np.zeros((len(ones), len(others)))
     for o in campaign.observations:
         for r, of_run in enumerate(campaign.runs):
             p = of_run[o]
@@ -189,11 +189,11 @@ def cross_gram(
             left, right = (_weights(c, o, r, at, len(p.rows)) for c in (ones, others))
             shared = [np.zeros((len(c), len(p.cross))) for c in (ones, others)]
             for row, G in enumerate(p.G):
-                found += left[row] @ (right[row] @ G).T
+                gram += left[row] @ (right[row] @ G).T
                 for sums, w in zip(shared, (left[row], right[row]), strict=True):
                     sums += w @ p.cross[:, row].T
-            found -= shared[0] @ shared[1].T
-    return found
+            gram -= shared[0] @ shared[1].T
+    return gram
 
 
 def _weights(

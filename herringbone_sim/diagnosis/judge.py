@@ -129,8 +129,8 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
     floor = least[best].loss - evidence.remains.get(best, 0.0)
     gap = max(none.loss - floor - CHANCE_CHI2, 0.0) / evidence.count + LEAST
 
-    def share(left: float) -> float:
-        return float(np.log((max(left - floor, 0.0) / evidence.count + LEAST) / gap))
+    def share(loss: float) -> float:
+        return float(np.log((max(loss - floor, 0.0) / evidence.count + LEAST) / gap))
 
     fewest = min(c.loss for c in evidence.candidates) - CHANCE_CHI2
     log_count = float(np.log(max(evidence.count, FEWEST) / FULL))
@@ -147,21 +147,21 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
 
     def pair_numbers(c: Candidate) -> dict[str, float]:
         first = singles[0].loss
-        taken = (first - c.loss) / (max(first - floor, 0.0) + LEAST * evidence.count)
-        second = float(np.log(np.clip(taken, LEAST, 1.0)))
-        own = {
+        second_share = (first - c.loss) / (max(first - floor, 0.0) + LEAST * evidence.count)
+        second = float(np.log(np.clip(second_share, LEAST, 1.0)))
+        pair_only = {
             "pair": 1.0,
             "pair: log second share": second,
             "pair: log second share in sample": second_in_sample(c),
             "pair: log count": log_count,
         }
-        return {**fit_numbers(c), **own}
+        return {**fit_numbers(c), **pair_only}
 
     def second_in_sample(c: Candidate) -> float:
-        either = [one.in_sample for one in singles if one.effects[0] in c.effects]
+        either = [single.in_sample for single in singles if single.effects[0] in c.effects]
         added = min(either, default=singles[0].in_sample) - c.in_sample
-        whole = max(none.in_sample - c.in_sample, CHANCE_CHI2)
-        return float(np.log(np.clip(added / whole, LEAST_SHARE, 1.0)))
+        pair_gain = max(none.in_sample - c.in_sample, CHANCE_CHI2)
+        return float(np.log(np.clip(added / pair_gain, LEAST_SHARE, 1.0)))
 
     def beside_numbers(c: Candidate) -> dict[str, float]:
         alone = fit_numbers(c)
@@ -184,7 +184,7 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
         *((Explanation((*c.effects, UNKNOWN), c), beside_numbers(c)) for c in singles),
     ]
     table = np.array([[row.get(name, 0.0) for name in NAMES] for _, row in rows])
-    return [one for one, _ in rows], table
+    return [explanation for explanation, _ in rows], table
 
 
 def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
@@ -204,11 +204,11 @@ def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
             "the score of an explanation: report the campaign as a fault of the diagnosis"
         )
     p = np.exp(score - score.max())
-    found = [
+    by_explanation = [
         Chance(e.effects, e.candidate, float(q))
         for e, q in zip(explanations, p / p.sum(), strict=True)
     ]
-    return sorted(found, key=lambda f: -f.probability)
+    return sorted(by_explanation, key=lambda f: -f.probability)
 
 
 def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags:
@@ -220,10 +220,14 @@ def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags
     Args:
         truth: ids of the true effects; empty for none; ``("unknown",)``.
     """
-    exact = np.array([sorted(one.effects) == sorted(truth) for one in explanations])
+    exact = np.array(
+        [sorted(explanation.effects) == sorted(truth) for explanation in explanations]
+    )
     if exact.any() or len(truth) != 2:
         return exact
-    return np.array([not one.whole and one.effects[0] in truth for one in explanations])
+    return np.array(
+        [not explanation.whole and explanation.effects[0] in truth for explanation in explanations]
+    )
 
 
 def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampaign:
@@ -259,12 +263,12 @@ def fit_labelled(
         prior_mean: (len(NAMES),) prior mean of the weights; None: zero.
     """
     prior_mean = np.zeros(len(NAMES)) if prior_mean is None else prior_mean
-    labelled = [one for one in labelled if one.true.any()]
+    labelled = [campaign for campaign in labelled if campaign.true.any()]
     if not labelled:
         return prior_mean
-    table = np.concatenate([one.table for one in labelled])
-    true = np.concatenate([one.true for one in labelled])
-    sizes = np.array([len(one.true) for one in labelled])
+    table = np.concatenate([campaign.table for campaign in labelled])
+    true = np.concatenate([campaign.true for campaign in labelled])
+    sizes = np.array([len(campaign.true) for campaign in labelled])
     starts = np.cumsum(sizes) - sizes
 
     def loss(w: Array) -> tuple[float, Array]:
@@ -290,9 +294,9 @@ def _frozen() -> Mapping[str, Any]:
 
 def frozen_weights(by_density: bool) -> Array:
     """Weights (len(NAMES),) in ``calibration.json`` for a kind of loss, else for the other."""
-    every = _frozen()["weights"]
-    kept = every.get(LOSSES[by_density]) or every[LOSSES[not by_density]]
-    return np.array([kept[name] for name in NAMES])
+    by_loss = _frozen()["weights"]
+    weights = by_loss.get(LOSSES[by_density]) or by_loss[LOSSES[not by_density]]
+    return np.array([weights[name] for name in NAMES])
 
 
 def relative_error() -> float:

@@ -102,44 +102,44 @@ def compute_score(
     Returns:
         Score without ``chi2_by_row`` and ``count``.
     """
-    every = (*campaign.base, *coefficients)
+    with_base = (*campaign.base, *coefficients)
     A, b = campaign.normal_equations(coefficients)
     n = len(campaign.base)
-    center = np.array([c.center for c in every])
+    center = np.array([c.center for c in with_base])
     # Shift the origin from ``mean`` to the centre of the prior.
-    off = center - (np.zeros(len(every)) if mean is None else mean)
+    off = center - (np.zeros(len(with_base)) if mean is None else mean)
     chi2 = campaign.chi2 - _chi2_reduction(A, b, off)
     b = b - A @ off
     resolved = np.finfo(float).eps * chi2 < ROUNDED
-    prior, bound = np.array([c.sd for c in every]), np.array([c.bound for c in every])
+    prior, bound = np.array([c.sd for c in with_base]), np.array([c.bound for c in with_base])
     best: tuple[float, LeftOut, float, Array] | None = None
-    sized = np.array([i >= n and c.scales_with_effect for i, c in enumerate(every)])
-    reach = trust_region(every)
+    sized = np.array([i >= n and c.scales_with_effect for i, c in enumerate(with_base)])
+    reach = trust_region(with_base)
     for size in sizes if sized.any() else (1.0,):
         sd = prior * np.where(sized, size, 1.0)
-        found = leave_one_out(Normal(A, b, sd, bound, reach))
-        density = float(found.log_density[resolved].sum())
+        left_out = leave_one_out(Normal(A, b, sd, bound, reach))
+        density = float(left_out.log_density[resolved].sum())
         if best is None or density > best[0]:
-            best = density, found, size, sd
+            best = density, left_out, size, sd
     assert best is not None
-    density, found, size, sd = best
-    bent = np.array([c.departs_from > 0 for c in every])
+    density, left_out, size, sd = best
+    bent = np.array([c.departs_from > 0 for c in with_base])
     for _ in range(DEPARTURE_ROUNDS if bent.any() else 0):
-        sd = np.where(bent, prior * _effect_sizes(every, center + found.whole.mean), sd)
-        found = leave_one_out(
+        sd = np.where(bent, prior * _effect_sizes(with_base, center + left_out.whole.mean), sd)
+        left_out = leave_one_out(
             Normal(A, b, sd, np.where(bent, MAX_DEPARTURE_SD * sd, bound), reach)
         )
-        density = float(found.log_density[resolved].sum())
-    whole = found.whole
-    left = np.where(resolved, chi2 - found.fall, campaign.chi2)
-    in_sample = np.where(resolved, chi2 - _chi2_reduction(A, b, whole.mean), campaign.chi2)
+        density = float(left_out.log_density[resolved].sum())
+    fit = left_out.whole
+    left_out_chi2 = np.where(resolved, chi2 - left_out.fall, campaign.chi2)
+    in_sample = np.where(resolved, chi2 - _chi2_reduction(A, b, fit.mean), campaign.chi2)
     at_zero = np.where(resolved, chi2, campaign.chi2)
     return Score(
-        every,
-        center + whole.mean,
-        whole.covariance,
-        center + found.means,
-        left,
+        with_base,
+        center + fit.mean,
+        fit.covariance,
+        center + left_out.means,
+        left_out_chi2,
         float(in_sample.sum()),
         density - 0.5 * float(at_zero.sum()),
         size,
@@ -157,14 +157,14 @@ def trust_region(coefficients: Sequence[Coefficient]) -> Array:
 
 def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
     """(p,) for each departure, the fitted size of its effect over a moderate one; elsewhere 1."""
-    found, size = np.ones(len(mean)), 1.0
+    sizes, size = np.ones(len(mean)), 1.0
     for i, c in enumerate(coefficients):
         if c.departs_from and not coefficients[i - 1].departs_from:
-            own = range(i - c.departs_from, i)
-            size = max(abs(mean[j]) / coefficients[j].sd for j in own)
+            effect_indices = range(i - c.departs_from, i)
+            size = max(abs(mean[j]) / coefficients[j].sd for j in effect_indices)
         if c.departs_from:
-            found[i] = size
-    return np.maximum(found, PRIOR_SCALES[0] ** 2)
+            sizes[i] = size
+    return np.maximum(sizes, PRIOR_SCALES[0] ** 2)
 
 
 def _chi2_reduction(A: Array, b: Array, step: Array) -> Array:

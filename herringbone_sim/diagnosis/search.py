@@ -35,23 +35,23 @@ def amplitudes(
     Args:
         mean: (p,) values of the coefficients; (p, runs) where they differ between runs.
     """
-    found: dict[str, dict[str, Array]] = {}
+    by_observation: dict[str, dict[str, Array]] = {}
     for c, value in zip(coefficients, mean, strict=True):
         for o, placement in c.placements.items():
-            of = found.setdefault(o, {})
+            by_function = by_observation.setdefault(o, {})
             for row, f, w in placement.entries:
-                a = of.setdefault(f, np.zeros((runs, rows[o])))
+                a = by_function.setdefault(f, np.zeros((runs, rows[o])))
                 a[:, row] += value * w
-    return found
+    return by_observation
 
 
 def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
     """Names of the functions on which coefficients act, by observation."""
-    found: dict[str, dict[str, None]] = {}
+    by_observation: dict[str, dict[str, None]] = {}
     for c in coefficients:
         for o, placement in c.placements.items():
-            found.setdefault(o, {}).update(dict.fromkeys(placement.functions))
-    return {o: list(names) for o, names in found.items()}
+            by_observation.setdefault(o, {}).update(dict.fromkeys(placement.functions))
+    return {o: list(names) for o, names in by_observation.items()}
 
 
 class Search:
@@ -97,20 +97,20 @@ class Search:
             mean: (p,) or (p, runs) values, those of the base first.
             wanted: functions whose columns are formed, by observation; None: all.
         """
-        machine, every = self.machine, (*self.base, *coefficients)
-        made = amplitudes(every, mean, self.runs, self.rows)
-        fixed = machine.linear_observations(made)
+        machine, with_base = self.machine, (*self.base, *coefficients)
+        given_amplitudes = amplitudes(with_base, mean, self.runs, self.rows)
+        fixed = machine.linear_observations(given_amplitudes)
         for o in fixed:
             if o not in self._linear:
                 blocks = self.blocks({}, None, (o,))
                 self._linear[o] = parallel_map(products, [b[o] for b in blocks if o in b])
         others = tuple(o for o in machine.functions if o not in fixed)
-        blocks = self.blocks(made, wanted, others)
-        found = parallel_map(lambda of_run: {o: products(b) for o, b in of_run.items()}, blocks)
+        blocks = self.blocks(given_amplitudes, wanted, others)
+        by_run = parallel_map(lambda of_run: {o: products(b) for o, b in of_run.items()}, blocks)
         for o in fixed:
             for r, p in enumerate(self._linear[o]):
-                found[r][o] = recentred(p, _amplitude_matrix(made.get(o, {}), p, r))
-        return CampaignProducts(found, self.base)
+                by_run[r][o] = recentred(p, _amplitude_matrix(given_amplitudes.get(o, {}), p, r))
+        return CampaignProducts(by_run, self.base)
 
     def blocks(
         self,
@@ -140,13 +140,13 @@ class Search:
             start: (p,) start values, those of the base first.
             rounds: largest number of steps.
         """
-        every = (*self.base, *coefficients)
-        wanted = functions_used(every)
+        with_base = (*self.base, *coefficients)
+        wanted = functions_used(with_base)
         mean, least = start.copy(), np.inf
         step = np.zeros_like(mean)
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
-        reach = trust_region(every)
+        reach = trust_region(with_base)
         refused = 0
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
@@ -178,10 +178,10 @@ class Search:
             mean = mean + step
         assert best is not None
         mean, campaign = best
-        found = self.scored(campaign, coefficients, mean)
+        score = self.scored(campaign, coefficients, mean)
         # The mean found is one more, untried, step away: keep the last point that was evaluated.
-        off = found.leave_one_out_means - found.mean
-        if all(c.scales_with_effect for c in every):
+        off = score.leave_one_out_means - score.mean
+        if all(c.scales_with_effect for c in with_base):
             A, b = campaign.normal_equations(coefficients)
             gained = 2.0 * np.einsum("rp,rp->r", b, off) - np.einsum("rp,rpq,rq->r", off, A, off)
             chi2 = campaign.chi2 - gained
@@ -191,13 +191,13 @@ class Search:
             diverged = self.null.chi2 if coefficients else campaign.chi2
             chi2 = np.where(np.isfinite(chi2), chi2, diverged)
         in_sample = float(campaign.chi2.sum())
-        density = found.log_density + 0.5 * float((found.chi2 - chi2).sum())
+        density = score.log_density + 0.5 * float((score.chi2 - chi2).sum())
         # Far from linear, the density may come out higher than the fit to all runs allows: then
         # its term by the variance of the coefficients is left out.
         if density > -0.5 * in_sample:
             density = -0.5 * max(in_sample, float(chi2.sum()))
-        found = replace(
-            found,
+        score = replace(
+            score,
             mean=mean,
             leave_one_out_means=mean + off,
             chi2=chi2,
@@ -205,7 +205,7 @@ class Search:
             in_sample=in_sample,
         )
         chi2_by_row, count = _chi2_by_row(campaign)
-        return replace(found, coefficients=every, chi2_by_row=chi2_by_row, count=count)
+        return replace(score, coefficients=with_base, chi2_by_row=chi2_by_row, count=count)
 
     def scored(
         self,
@@ -215,8 +215,8 @@ class Search:
         sizes: Sequence[float] = PRIOR_SCALES,
     ) -> Score:
         """``compute_score``, with ``by_density`` set where the machine estimates states."""
-        found = compute_score(campaign, coefficients, mean, sizes)
-        return replace(found, by_density=self.machine.estimates_states)
+        score = compute_score(campaign, coefficients, mean, sizes)
+        return replace(score, by_density=self.machine.estimates_states)
 
     def _cannot_improve(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
         """Whether the next step of a fit, predicted linearly, is no better than ``null``.
@@ -236,12 +236,12 @@ class Search:
             return CHANCE_CHI2
         return MIN_GAIN_PER_VALUE * self.null.count
 
-    def settled(self, found: Score) -> Score:
+    def settled(self, score: Score) -> Score:
         """Score of a fit with all observations exact, after one more step if it helps."""
         fine = copy.copy(self)
         fine.machine = self.machine.without_linearisation()
-        coefficients = found.coefficients[len(self.base) :]
-        return fine.refined(coefficients, found.mean, 2)
+        coefficients = score.coefficients[len(self.base) :]
+        return fine.refined(coefficients, score.mean, 2)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
         """Minus the chi2 that a hypothesis removes in a linear fit to all runs, without bounds."""
@@ -257,24 +257,24 @@ class Search:
         left = right[n:] - whole[n:, :n] @ np.linalg.solve(whole[:n, :n], right[:n])
         return float(-(2.0 * b @ off - off @ A @ off) - left @ np.linalg.solve(own, left))
 
-    def onwards(self, machine: Machine, taken: Score | None = None) -> Search:
+    def onwards(self, machine: Machine, base_fit: Score | None = None) -> Search:
         """Copy for the same machine or one extended by functions, linearised about ``null``.
 
         Args:
-            taken: score that becomes ``null`` and its coefficients the base; None: both stay.
+            base_fit: score that becomes ``null`` and its coefficients the base; None: both stay.
         """
-        found = copy.copy(self)
-        found.machine = machine
+        search = copy.copy(self)
+        search.machine = machine
         before, after = self.machine.functions, machine.functions
-        found._linear = {o: p for o, p in self._linear.items() if before[o] == after[o]}
-        if taken is not None:
+        search._linear = {o: p for o, p in self._linear.items() if before[o] == after[o]}
+        if base_fit is not None:
             known = tuple(
-                c if i < len(self.base) else replace(c, sd=c.sd * taken.prior_scale)
-                for i, c in enumerate(taken.coefficients)
+                c if i < len(self.base) else replace(c, sd=c.sd * base_fit.prior_scale)
+                for i, c in enumerate(base_fit.coefficients)
             )
-            found.base, found.null = known, replace(taken, coefficients=known)
-        found.campaign = found.about((), found.null.mean, wanted=None)
-        return found
+            search.base, search.null = known, replace(base_fit, coefficients=known)
+        search.campaign = search.about((), search.null.mean, wanted=None)
+        return search
 
     def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:
         """Leave-one-run-out score at prior scale ``size`` by a linear fit about ``null``."""

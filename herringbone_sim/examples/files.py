@@ -42,19 +42,19 @@ HEADER_BYTES = 512  # MATLAB header before the HDF5 data of a v7.3 file
 
 def by_quantity(series: TimeSeries) -> dict[str, Columns]:
     """Channels (n,) in units of the files, by quantity and place, as ``["F"]["sp1_L"]``."""
-    found: dict[str, Columns] = {}
+    quantities: dict[str, Columns] = {}
     for name in series.names:
         quantity, _, place = name.partition("_")
         if quantity in UNITS:
-            found.setdefault(quantity, {})[place] = UNITS[quantity][1] * series[name]
-    return found
+            quantities.setdefault(quantity, {})[place] = UNITS[quantity][1] * series[name]
+    return quantities
 
 
 def flat(series: TimeSeries, form: str) -> Columns:
     """Phase [deg] and channels as columns named by a template such as ``{q} {place}``."""
     columns = {"phase": DEGREES * series["phase"]}
     for q, places in by_quantity(series).items():
-        columns |= {form.format(q=q, place=place): one for place, one in places.items()}
+        columns |= {form.format(q=q, place=place): values for place, values in places.items()}
     return columns
 
 
@@ -63,13 +63,13 @@ def channels(series: TimeSeries, form: str, phase: str = "phase") -> dict[str, A
 
     A ``*`` stands for all meshes or bodies of a quantity; ``phase`` is the column of the phase.
     """
-    found: dict[str, Any] = {"phase": {"column": phase, "unit": "deg"}}
+    section: dict[str, Any] = {"phase": {"column": phase, "unit": "deg"}}
     for q, (unit, _) in UNITS.items():
         names = {name for name in series.names if name.startswith(f"{q}_")}
-        every = names == {name for name in ALL if name.startswith(f"{q}_")}
-        for place in ["*"] if every else sorted(name.partition("_")[2] for name in names):
-            found[f"{q}_{place}"] = {"column": form.format(q=q, place=place), "unit": unit}
-    return found
+        is_complete = names == {name for name in ALL if name.startswith(f"{q}_")}
+        for place in ["*"] if is_complete else sorted(name.partition("_")[2] for name in names):
+            section[f"{q}_{place}"] = {"column": form.format(q=q, place=place), "unit": unit}
+    return section
 
 
 def write_csv(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
@@ -134,8 +134,8 @@ def write_mat_7(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     with h5py.File(path, "w", userblock_size=HEADER_BYTES) as file:
         file["t"], file["phase"] = series.times[None], DEGREES * series["phase"][None]
         for q, places in by_quantity(series).items():
-            for place, one in places.items():
-                file[f"{q}/{place}"] = one[None]
+            for place, values in places.items():
+                file[f"{q}/{place}"] = values[None]
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, HDF5 schema 1.00 .".ljust(HEADER_BYTES))
     clock = {"column": "t", "unit": "s"}
@@ -147,8 +147,8 @@ def write_tdms(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     tdms = package("nptdms", "npTDMS", "TDMS files")
     clock = {"wf_start_offset": 0.0, "wf_increment": float(series.times[-1]) / (len(series) - 1)}
     waves = [
-        tdms.ChannelObject(*("rig", name), one, properties=clock)
-        for name, one in flat(series, "{q} {place}").items()
+        tdms.ChannelObject(*("rig", name), values, properties=clock)
+        for name, values in flat(series, "{q} {place}").items()
     ]
     with tdms.TdmsWriter(path) as writer:
         writer.write_segment(waves)
@@ -159,8 +159,8 @@ def write_hdf5(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
     """Write HDF5 with a group per quantity; return its entry for the import spec."""
     with package("h5py", "h5py", "HDF5 files").File(path, "w") as file:
         file["t"] = 1e6 * series.times
-        for name, one in flat(series, "{q}/{place}").items():
-            file[name] = one
+        for name, values in flat(series, "{q}/{place}").items():
+            file[name] = values
     clock = {"column": "t", "unit": "us"}
     return [{"path": path.name, "time": clock, "channels": channels(series, "{q}/{place}")}]
 
@@ -184,8 +184,8 @@ def write_bag(path: Path, series: TimeSeries) -> list[dict[str, Any]]:
             writer.write(topic, round(1e9 * t_s), message)
     clock = {"column": "/daq/values.t", "unit": "s"}
     form = "/daq/values.{q}_{place}"
-    found = channels(series, form, "/daq/values.phase")
-    return [{"path": path.name, "time": clock, "channels": found}]
+    section = channels(series, form, "/daq/values.phase")
+    return [{"path": path.name, "time": clock, "channels": section}]
 
 
 # Writer of each file; returns the entries in the list ``files`` of its run in the import spec.

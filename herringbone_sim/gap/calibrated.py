@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.attribution.hypothesis import FusedRun
+from herringbone_sim.gap.attribution.effect_forces import FusedRun
 
 
 @dataclass(frozen=True)

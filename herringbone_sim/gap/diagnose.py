@@ -13,7 +13,7 @@ from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.hypothesis import fused_run
+from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds

@@ -25,7 +25,7 @@ from herringbone_sim.gap.verification.serialise import (
     gap_to_dict,
     senses_to_dict,
 )
-from herringbone_sim.gap.verification.verify import residual_gap
+from herringbone_sim.gap.verification.verify import check_residual, residual_gap
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"
@@ -90,8 +90,9 @@ def repeat(
         say: called with a line of progress.
 
     Raises:
-        AnalysisError: no run can be used.
+        AnalysisError: no run can be used, or the gap was that of trajectories.
     """
+    check_residual(report.metric)
     campaign, findings = check(campaign)
     if not campaign.runs:
         raise AnalysisError(f"no run of {campaign.rig} can be used: {findings[0].text}")

@@ -12,7 +12,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
-from herringbone_sim.gap.attribution.hypothesis import FusedRun, expected_forces, fused_run
+from herringbone_sim.gap.attribution.effect_forces import FusedRun, expected_forces, fused_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse

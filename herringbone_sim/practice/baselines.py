@@ -46,9 +46,9 @@ def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> Report
         A gap report (dict of schema ``SCHEMA``).
     """
     fit = [
-        _relative_residuals(one, run.point)
-        for one, run in zip(series, campaign.runs, strict=True)
-        if run.role == "fit" and all(f"{a}_{m}" in one for a in "xvF" for m in MESHES)
+        _relative_residuals(recording, run.point)
+        for recording, run in zip(series, campaign.runs, strict=True)
+        if run.role == "fit" and all(f"{a}_{m}" in recording for a in "xvF" for m in MESHES)
     ]
     if not fit:
         return always_none(campaign)
@@ -112,8 +112,8 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
     if not evidence.screened:
         return ("none",)
     name = min(evidence.screened, key=lambda n: evidence.screened[n])
-    kept = none.loss - evidence.screened[name] > SPARSE * none.loss
-    return (name,) if kept else ("none",)
+    is_clear = none.loss - evidence.screened[name] > SPARSE * none.loss
+    return (name,) if is_clear else ("none",)
 
 
 def _report(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:

@@ -64,13 +64,13 @@ def run_bench(
     with pool(resources.workers, resources.scheduler) as (executor, cores):
         seal_labels(folder, seeds, setting, executor, cores, say)
         seals = read_seals(folder)
-        wanted = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]
-        todo = [one for one in wanted if not _done(folder, name_of(one[0]), again)]
+        cases = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]
+        todo = [case for case in cases if not _done(folder, name_of(case[0]), again)]
         tasks = [
             (s, setting, read_label(_label(folder, name_of(s)), sealed), sealed)
             for s, sealed in todo
         ]
-        look = {"total": len(wanted), "initial": len(wanted) - len(todo), "desc": "diagnose"}
+        look = {"total": len(cases), "initial": len(cases) - len(todo), "desc": "diagnose"}
         for task, files in _with_bar(executor, diagnose_case, tasks, cores, look):
             place = make_folder(folder / "reports" / name_of(task[0]))
             for name, text in files.items():  # the report comes last, as it marks a case as done
@@ -153,7 +153,7 @@ def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: Se
             "another --out"
         )
     known_seeds = before.get("seeds", [])
-    if not isinstance(known_seeds, list) or not all(type(one) is int for one in known_seeds):
+    if not isinstance(known_seeds, list) or not all(type(seed) is int for seed in known_seeds):
         raise AnalysisError(
             f"{folder / 'bench.json'} must have seeds, a list of whole numbers, got "
             f"{shown(known_seeds)}: choose another --out"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,8 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
     With too few campaigns judged by density, these are judged by the weights for squares.
 
     Raises:
-        AnalysisError: fewer than ``2 * FOLDS`` campaigns with the first loss that has any.
+        AnalysisError: fewer than ``2 * FOLDS`` campaigns with the first loss that has any, or
+            fewer than ``FOLDS`` that are ``counted``.
     """
     weights: dict[str, Array] = {}
     penalties: dict[str, float] = {}
@@ -79,11 +81,11 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
         weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, prior_mean)
         for draw, rows in enumerate(draws):
             rows[at] = left_out(group, labelled, draw, prior_mean)
-    sizes = [
-        np.array(c.sizes).reshape(-1, 3)
-        for c, on in zip(campaigns, counted(campaigns).tolist(), strict=True)
-        if on
-    ]
+    sizes = [np.array(c.sizes).reshape(-1, 3) for c in compress(campaigns, counted(campaigns))]
+    if len(sizes) < FOLDS:
+        raise AnalysisError(
+            f"calibration needs {FOLDS} campaigns in its figures, got {len(sizes)}: run more"
+        )
     fold = np.arange(len(sizes)) % FOLDS
     held = []
     for f in range(FOLDS):
@@ -162,13 +164,13 @@ def by_stratum(
     current = counted(campaigns)
     campaigns = [c for c, on in zip(campaigns, current.tolist(), strict=True) if on]
     draws = [rows[current] for rows in draws]
-    told = np.array([c.evidence.told for c in campaigns])
+    given_noise = np.array([c.evidence.told for c in campaigns])
     healthy = np.array([not c.truth for c in campaigns])
     foreign = np.array([c.truth == ("unknown",) for c in campaigns])
     strata = {
         "all": np.ones(len(campaigns), dtype=bool),
-        "noise told": told,
-        "noise not told": ~told,
+        "noise told": given_noise,
+        "noise not told": ~given_noise,
         "healthy": healthy,
         "outside cause": foreign,
         "effects": ~healthy & ~foreign,
@@ -176,12 +178,14 @@ def by_stratum(
     }
     channels = np.array([c.stratum[2] for c in campaigns])
     strata |= {name: channels == name for name in sorted(set(channels.tolist()))}
-    found = {}
+    averages = {}
     for name, on in strata.items():
         if on.any():
-            every = [headline(chances[on]) for chances in draws]
-            found[name] = {key: float(np.mean([one[key] for one in every])) for key in every[0]}
-    return found
+            by_draw = [headline(chances[on]) for chances in draws]
+            averages[name] = {
+                key: float(np.mean([figures[key] for figures in by_draw])) for key in by_draw[0]
+            }
+    return averages
 
 
 def best_penalty(
@@ -191,14 +195,14 @@ def best_penalty(
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
     for f in range(FOLDS):
-        others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
+        others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
             weights = judge.fit_labelled(others, penalty, weights, prior_mean)
-            for one in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
-                if one.true.any():
-                    score = one.table @ weights
-                    lost[penalty] += float(logsumexp(score) - logsumexp(score[one.true]))
+            for campaign in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
+                if campaign.true.any():
+                    score = campaign.table @ weights
+                    lost[penalty] += float(logsumexp(score) - logsumexp(score[campaign.true]))
     return min(PENALTIES, key=lambda penalty: lost[penalty])
 
 
@@ -221,13 +225,13 @@ def left_out(
         prior_mean: mean of the prior of the weights; None: zero.
     """
     fold = folds(len(campaigns), draw)
-    found = np.zeros((len(campaigns), 4))
+    rows = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
-        others = [one for one, k in zip(labelled, fold, strict=True) if k != f]
+        others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
         weights = judge.fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
         for i in np.flatnonzero(fold == f).tolist():
-            found[i] = judged(campaigns[i], weights)
-    return found
+            rows[i] = judged(campaigns[i], weights)
+    return rows
 
 
 def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, float, float, float]:
@@ -242,14 +246,14 @@ def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, flo
         ``judge.are_true``. The first three ignore explanations with something unknown beside an
         effect; the last counts them if the truth is a pair that was not tried.
     """
-    told = judge.chances(case.evidence, weights)
+    chances = judge.chances(case.evidence, weights)
     truth = tuple(sorted(case.truth))
     groups: dict[tuple[str, ...], float] = {}
-    for c in told:
+    for c in chances:
         if c.whole:
             effects = tuple(sorted(c.effects))
             groups[effects] = groups.get(effects, 0.0) + c.probability
-    true = np.array([c.probability for c in told])[judge.are_true(told, case.truth)].sum()
+    true = np.array([c.probability for c in chances])[judge.are_true(chances, case.truth)].sum()
     first = max(groups, key=lambda e: groups[e])
     return groups.get(truth, 0.0), groups[first], float(first == truth), float(true)
 

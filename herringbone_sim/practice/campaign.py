@@ -65,22 +65,22 @@ def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
     rig = NOMINAL.scaled(plan.factors)
     causes = tuple(cause for cause, _ in solved)
     moved = [simulate_run(plan, rig, causes, i) for i in range(len(plan.points))]
-    most = largest([one.now for one in moved])
-    takes = [observe_run(plan, rig, causes, i, one, most) for i, one in enumerate(moved)]
+    peaks = largest([run.now for run in moved])
+    takes = [observe_run(plan, rig, causes, i, run, peaks) for i, run in enumerate(moved)]
     series = tuple(
-        series_of(one.motion, one.measured, point, plan.names, plan.channels)
-        for one, point in zip(takes, plan.points, strict=True)
+        series_of(take.motion, take.measured, point, plan.names, plan.channels)
+        for take, point in zip(takes, plan.points, strict=True)
     )
     runs = tuple(
         CampaignRun(Path(f"run_{i:02d}"), dict(point), "fit" if i < FIT_RUNS else "held_out")
         for i, point in enumerate(plan.points)
     )
     if len(solved) == 1:
-        solved = ((causes[0], pooled([one.measure for one in takes[:FIT_RUNS]])),)
+        solved = ((causes[0], pooled([take.measure for take in takes[:FIT_RUNS]])),)
     label = label_of(
         plan, solved, runs, rig, [t.motion for t in takes], [t.measure for t in takes]
     )
     share = plan.noise.share if plan.noise.share_given else None
     campaign = Campaign(f"practice_{plan.seed}", share, runs)
-    there = {name: one for name, one in plan.noise.sensors.items() if name in plan.names}
+    there = {name: sensor for name, sensor in plan.noise.sensors.items() if name in plan.names}
     return PracticeCampaign(campaign, series, label, there)

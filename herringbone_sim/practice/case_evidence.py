@@ -43,7 +43,7 @@ class CaseEvidence:
             "truth": list(self.truth),
             "stratum": list(self.stratum),
             "evidence": self.evidence.written(),
-            "sizes": [list(one) for one in self.sizes],
+            "sizes": [list(row) for row in self.sizes],
         }
 
 
@@ -89,12 +89,12 @@ def write_evidence(path: Path, campaigns: Iterable[CaseEvidence]) -> None:
 
 def read_evidence(path: Path) -> list[CaseEvidence]:
     """Read the file of ``write_evidence``; AnalysisError for an invalid line."""
-    found = []
+    cases = []
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()):
         try:
             data = json.loads(line)
             noise, law, channels, d = data["stratum"]
-            found.append(
+            cases.append(
                 CaseEvidence(
                     int(data["seed"]),
                     tuple(data["truth"]),
@@ -108,4 +108,4 @@ def read_evidence(path: Path) -> list[CaseEvidence]:
                 f"line {i + 1} of {path} must be the evidence of a campaign, got {error}: write "
                 "the file again with `gap calibrate`"
             ) from None
-    return found
+    return cases

@@ -47,8 +47,8 @@ def _draw_event(rng: Generator, _: tuple[str, ...]) -> Drawn:
 def _event_parameters(c: Cause, name: str, unit: str) -> Parameters:
     """Return the label parameters of a tooth event, with its size as ``name``."""
     member = c.shape["member"]
-    found: Parameters = {name: (c.size, unit), "member": (member, "-")}
-    return found | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
+    parameters: Parameters = {name: (c.size, unit), "member": (member, "-")}
+    return parameters | ({"order": (CYCLES[member], "-")} if name == "depth" else {})
 
 
 def _draw_runout(rng: Generator, _: tuple[str, ...]) -> Drawn:

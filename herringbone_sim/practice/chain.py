@@ -61,8 +61,8 @@ def filtered(fine: Motion, count: int, part: Part, finer: int) -> Channels:
     step = (fine.times[1] - fine.times[0]) / FINER
     closer = fine.times[0] + step * np.arange((len(fine.times) - 1) * FINER + 1)
     passed = low_pass(CubicSpline(fine.times, values)(closer), step, part)
-    kept = passed[:: FINER * finer][-count:]
-    return {name: kept[:, i] for i, name in enumerate(channels)}
+    recorded = passed[:: FINER * finer][-count:]
+    return {name: recorded[:, i] for i, name in enumerate(channels)}
 
 
 def low_pass(values: Array, step: float, part: Part) -> Array:
@@ -150,7 +150,7 @@ def measured(
     channels: Mapping[str, Array],
     times: Array,
     rng: Generator,
-    most: Mapping[str, float],
+    peaks: Mapping[str, float],
 ) -> Channels:
     """Add random noise to each channel and round it to the steps of its converter.
 
@@ -159,7 +159,7 @@ def measured(
     Args:
         noise: measuring chain; its ``share`` is the RMS of the noise over that of the channel.
         times: (n,) [s].
-        most: largest value of each quantity over the campaign, which sets the converter range.
+        peaks: largest value of each quantity over the campaign, which sets the converter range.
     """
     start = rng.uniform(0.0, 2.0 * np.pi)
     shown = {}
@@ -169,7 +169,7 @@ def measured(
             continue
         sigma = noise.share * rms(values)
         drawn = values + sigma * random_part(noise, times, rng, start)
-        step = _step(noise, sigma, most[name[0]])
+        step = _step(noise, sigma, peaks[name[0]])
         shown[name] = np.round(drawn / step) * step if step > 0.0 else drawn
     return shown
 
@@ -202,9 +202,9 @@ def _drift(law: str, n: int, rng: Generator) -> Array:
     return np.asarray(slow / rms(slow))
 
 
-def _step(noise: Noise, sigma: float, most: float) -> float:
+def _step(noise: Noise, sigma: float, peak: float) -> float:
     """Return the step of the converter; if none is drawn, a power of two <= sigma / 8, or 0."""
     part = noise.parts.get("converter")
     if part is not None:
-        return 2.0 * float(part["room"]) * most / 2.0 ** int(part["bits"])
+        return 2.0 * float(part["room"]) * peak / 2.0 ** int(part["bits"])
     return float(2.0 ** np.floor(np.log2(sigma / 8.0))) if sigma > 0.0 else 0.0

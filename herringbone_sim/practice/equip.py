@@ -22,8 +22,8 @@ RING_LOAD = 1e5  # load [N] at whose deflection a drawn hardening is defined
 
 def _curve(c: Cause) -> dict[str, Any]:
     """Return the drawn curve of a cause, empty for the catalogue's law."""
-    found: dict[str, Any] = c.shape.get("curve", {})
-    return found
+    curve: dict[str, Any] = c.shape.get("curve", {})
+    return curve
 
 
 def _padded(rows: Array, count: int) -> Array:
@@ -37,16 +37,18 @@ def _harmonics(c: Cause) -> tuple[Array, Array]:
     The labelled harmonic has amplitude 1; additional ones of the same order are omitted.
     """
     order, angle = int(c.shape["order"]), float(c.shape["angle"])
-    riders = [one for one in _curve(c).get("riders", ()) if int(one[0]) != order]
+    riders = [rider for rider in _curve(c).get("riders", ()) if int(rider[0]) != order]
     parts = [(order, 1.0, angle), *riders]
     return wave(parts, max(int(part[0]) for part in parts))
 
 
 def _added(c: Cause, cos: Array, sin: Array) -> tuple[Array, Array]:
     """Return cosines and sines (h, 12) of a rig model plus those of a cause."""
-    more = [c.size * one[:, None] * c.meshes for one in _harmonics(c)]
-    count = max(len(cos), len(more[0]))
-    sums = [_padded(a, count) + _padded(b, count) for a, b in zip((cos, sin), more, strict=True)]
+    additions = [c.size * amplitudes[:, None] * c.meshes for amplitudes in _harmonics(c)]
+    count = max(len(cos), len(additions[0]))
+    sums = [
+        _padded(a, count) + _padded(b, count) for a, b in zip((cos, sin), additions, strict=True)
+    ]
     return sums[0], sums[1]
 
 
@@ -95,13 +97,13 @@ def event(p: RigModel, c: Cause, row: int) -> RigModel:
     if member == "planet" and curve:
         late = np.where(late > 0.0, float(curve["ring_after"]), 0.0)
     hit = c.meshes > 0.0
-    found = p.event.copy()
-    found[0, hit] = float(CYCLES[member])
-    found[1, hit] = ((c.shape["at"] + late) % CYCLES[member])[hit]
-    found[2, hit] = float(curve.get("width", c.shape["width"]))
-    found[row, hit] = c.size
+    events = p.event.copy()
+    events[0, hit] = float(CYCLES[member])
+    events[1, hit] = ((c.shape["at"] + late) % CYCLES[member])[hit]
+    events[2, hit] = float(curve.get("width", c.shape["width"]))
+    events[row, hit] = c.size
     shape = window(curve) if curve else 0.5 - 0.5 * np.cos(2.0 * np.pi * GRID)
-    return p._replace(event=found, window=table(shape))
+    return p._replace(event=events, window=table(shape))
 
 
 def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
@@ -112,8 +114,8 @@ def runout(p: RigModel, c: Cause, _: Point) -> RigModel:
     count = max(int(part[0]) for part in parts)
     cos, sin = np.zeros((2, count, N_MESH))
     for m in np.flatnonzero(c.meshes):
-        own = [(order, amount, angle + order * late[m]) for order, amount, angle in parts]
-        cos[:, m], sin[:, m] = (c.size * one for one in wave(own, count))
+        delayed = [(order, amount, angle + order * late[m]) for order, amount, angle in parts]
+        cos[:, m], sin[:, m] = (c.size * amplitudes for amplitudes in wave(delayed, count))
         cycles[m] = float(CYCLES[member])
     return p._replace(turn_cycles=cycles, turn_cos=cos, turn_sin=sin)
 

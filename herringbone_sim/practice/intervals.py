@@ -50,8 +50,8 @@ def bootstrap(rows: Array, statistic: Callable[[Array], Any]) -> IntervalEstimat
         return NOTHING
     rng = np.random.default_rng(0)
     drawn = [float(statistic(rows[rng.integers(0, n, n)])) for _ in range(REPEATS)]
-    kept = [value for value in drawn if np.isfinite(value)]
-    low, high = np.percentile(kept, [2.5, 97.5]) if kept else (float("nan"), float("nan"))
+    finite = [value for value in drawn if np.isfinite(value)]
+    low, high = np.percentile(finite, [2.5, 97.5]) if finite else (float("nan"), float("nan"))
     return IntervalEstimate(float(statistic(rows)), float(low), float(high), n)
 
 

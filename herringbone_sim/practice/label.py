@@ -45,10 +45,10 @@ def label_of(
         motions, measures: of each run.
     """
     entries = [
-        _run(plan, run, rig, motion, one)
-        for run, motion, one in zip(runs, motions, measures, strict=True)
+        _run(plan, run, rig, motion, measure)
+        for run, motion, measure in zip(runs, motions, measures, strict=True)
     ]
-    aperiodic = float(np.mean([one["period"] == 0 for one in entries]))
+    aperiodic = float(np.mean([entry["period"] == 0 for entry in entries]))
     return {
         "schema": SCHEMA,
         "seed": plan.seed,

@@ -60,8 +60,12 @@ def measure_run(
     nominal = _residual(NOMINAL, point, phase, measured, (0.0, 0.0))
     nominal_clean = _residual(NOMINAL, point, phase, seen, (0.0, 0.0))
     floor = noisy - _residual(rig, point, phase, quiet, off)
-    found = tuple(_d(cause, motion, clean, floor, (seen, quiet, measured)) for cause in causes)
-    return RunMeasure(rms(nominal), rms(nominal_clean), rms(noisy), rms(clean), rms(floor), found)
+    detectabilities = tuple(
+        _d(cause, motion, clean, floor, (seen, quiet, measured)) for cause in causes
+    )
+    return RunMeasure(
+        rms(nominal), rms(nominal_clean), rms(noisy), rms(clean), rms(floor), detectabilities
+    )
 
 
 def _residual(

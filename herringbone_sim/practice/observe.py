@@ -69,22 +69,22 @@ def observe_run(
     causes: tuple[Cause, ...],
     i: int,
     moved: SimulatedRun,
-    most: Mapping[str, float],
+    peaks: Mapping[str, float],
 ) -> ObservedRun:
     """Measure run number i: filter and encoders, then faults, gauges, noise and converters.
 
     Args:
         moved: the simulated run.
-        most: largest value of each quantity over the campaign, see ``largest``.
+        peaks: largest value of each quantity over the campaign, see ``largest``.
     """
     motion, exact = moved.now, channels_of(moved.now)
     smooth, counted = deterministic(plan.noise, motion, moved.fine)
-    faulty = [_with_faults(causes, moved, one) for one in (exact, smooth, counted)]
-    seen, quiet, shown = faulty[0], *(gauged(plan.noise, one) for one in faulty[1:])
+    faulty = [_with_faults(causes, moved, channels) for channels in (exact, smooth, counted)]
+    seen, quiet, shown = faulty[0], *(gauged(plan.noise, channels) for channels in faulty[1:])
     rng = np.random.default_rng([plan.seed, 0x51, i])
-    noisy = measured(plan.noise, shown, motion.times, rng, most)
-    found = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
-    return ObservedRun(motion, noisy, found)
+    noisy = measured(plan.noise, shown, motion.times, rng, peaks)
+    measure = measure_run(rig, plan.points[i], motion, seen, quiet, noisy, causes)
+    return ObservedRun(motion, noisy, measure)
 
 
 def _with_faults(
@@ -115,11 +115,11 @@ def largest(motions: Sequence[Motion]) -> dict[str, float]:
     """Return the largest absolute x, v, F, u and a over some runs, which set converter ranges."""
     values = {"x": "x", "v": "v", "F": "force", "u": "u", "a": "a"}
     return {
-        short: max(float(np.abs(getattr(one, long)).max()) for one in motions)
+        short: max(float(np.abs(getattr(motion, long)).max()) for motion in motions)
         for short, long in values.items()
     }
 
 
 def pooled(measures: Sequence[RunMeasure]) -> float:
     """Return the detectability of the first cause over some runs: RMS, at least 1e-9."""
-    return float(max(np.sqrt(np.mean([one.d[0] ** 2 for one in measures])), 1e-9))
+    return float(max(np.sqrt(np.mean([measure.d[0] ** 2 for measure in measures])), 1e-9))

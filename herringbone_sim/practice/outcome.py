@@ -153,10 +153,12 @@ def _outcome(label: Json, report: Json, name: str) -> Outcome:
         covered=_covered(*cause) if cause and right else (),
         closure=_closure(report),
         said=said,
-        sure=min(sum(p.get(one, 0.0) for one in said), 1.0),
+        sure=min(sum(p.get(effect, 0.0) for effect in said), 1.0),
         held=set(said) <= set(truth),
-        internal=tuple(str(one.get("internal", one["effect"])) for one in label["effects"]),
-        reached=min((float(one.get("d", math.inf)) for one in label["effects"]), default=math.inf),
+        internal=tuple(str(entry.get("internal", entry["effect"])) for entry in label["effects"]),
+        reached=min(
+            (float(entry.get("d", math.inf)) for entry in label["effects"]), default=math.inf
+        ),
         name=name,
         failed=str(report.get("failure", "")),
     )
@@ -205,22 +207,26 @@ def _brier(p: Mapping[str, float], truth: str) -> float:
 
 def _right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
     """Return label entry and reported cause of the most probable true effect, None without one."""
-    for cause in sorted(report["causes"], key=lambda one: -float(one["probability"])):
+    for cause in sorted(report["causes"], key=lambda c: -float(c["probability"])):
         if cause["effect"] in truth and cause["effect"] not in OUTSIDE_CATALOGUE:
-            told = [one for one in label["effects"] if one["effect"] == cause["effect"]]
-            return told[0], cause
+            entries = [e for e in label["effects"] if e["effect"] == cause["effect"]]
+            return entries[0], cause
     return None
 
 
 def _same_place(entry: Json, cause: Json) -> bool:
     """Return whether the channels agree (sensors), or mesh, planet, side and reported member."""
-    found, true = cause.get("locus") or {}, entry["locus"]
+    reported, true = cause.get("locus") or {}, entry["locus"]
     if "channels" in true:
-        said = found.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
+        said = (
+            reported.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
+        )
         named = [said] if isinstance(said, str) else said
-        return {name for one in named for name in _expanded(one, found)} == set(true["channels"])
+        return {name for channel in named for name in _expanded(channel, reported)} == set(
+            true["channels"]
+        )
     places = ("mesh", "planet", "side")
-    same = all(str(found.get(name, "all")) == str(true.get(name, "all")) for name in places)
+    same = all(str(reported.get(name, "all")) == str(true.get(name, "all")) for name in places)
     member = _value(entry, "member")
     return same and (member is None or _value(cause, "member") in (member, None))
 
@@ -256,10 +262,10 @@ def _size_error(entry: Json, cause: Json) -> float | None:
         None if a value is missing or the true size is 0.
     """
     names, neutral = SIZES.get(entry["effect"], ((), 0.0))
-    true, found = ([_value(one, name) for name in names] for one in (entry, cause))
-    if not names or any(not _number(value) for value in (*true, *found)):
+    true, reported = ([_value(record, name) for name in names] for record in (entry, cause))
+    if not names or any(not _number(value) for value in (*true, *reported)):
         return None
-    distance = float(np.hypot.reduce(np.subtract(found, true)))
+    distance = float(np.hypot.reduce(np.subtract(reported, true)))
     size = float(np.hypot.reduce(np.subtract(true, neutral)))
     return distance / size if size > 0.0 else None
 
@@ -296,15 +302,15 @@ def size_errors(
         deviation from the interval, and true size of the effect: the distance of all of its
         ``SIZES`` from their values without the effect. All in the unit of the parameter.
     """
-    found = []
-    for told in label["effects"]:
-        same = [c for c in report["causes"] if c["effect"] == told["effect"]]
-        if not same or told["effect"] not in SIZES:
+    errors = []
+    for labelled in label["effects"]:
+        same = [c for c in report["causes"] if c["effect"] == labelled["effect"]]
+        if not same or labelled["effect"] not in SIZES:
             continue
         cause = max(same, key=lambda c: float(c["probability"]))
-        names, neutral = SIZES[told["effect"]]
-        true = [_value(told, name) for name in names]
-        if not _same_place(told, cause) or not all(_number(v) for v in true):
+        names, neutral = SIZES[labelled["effect"]]
+        true = [_value(labelled, name) for name in names]
+        if not _same_place(labelled, cause) or not all(_number(v) for v in true):
             continue
         size = float(np.hypot.reduce(np.subtract(true, neutral)))
         reported = [_value(cause, name) for name in names]
@@ -315,10 +321,10 @@ def size_errors(
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval = entry.get("ci90")
             if interval is not None and all(map(_number, interval)):
-                whole = 0.5 * (interval[1] - interval[0]) / HALF_90
-                variance = whole**2 - included**2
-                found.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
-    return found
+                reported_sd = 0.5 * (interval[1] - interval[0]) / HALF_90
+                variance = reported_sd**2 - included**2
+                errors.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
+    return errors
 
 
 def _closure(report: Json) -> float | None:

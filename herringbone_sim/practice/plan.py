@@ -202,7 +202,7 @@ def _causes(
     if truth == "none":
         return ()
     if truth == "pair":
-        return tuple(draw_cause(rng, one, names, law) for one in _pair(rng, named))
+        return tuple(draw_cause(rng, effect, names, law) for effect in _pair(rng, named))
     among = {"single": named, "unseen": tuple(UNSEEN), "unknown": UNNAMED}.get(truth, (truth,))
     if truth == "unknown" and rng.random() < RANDOM_SHARE:
         among = tuple(RANDOM_PHYSICS)
@@ -212,9 +212,9 @@ def _causes(
 def _pair(rng: Generator, named: tuple[str, ...]) -> tuple[str, str]:
     """Draw two different effects of ``named`` that can act together."""
     while True:
-        one, other = (str(name) for name in rng.choice(named, 2, replace=False))
-        if not _clash(one, other):
-            return one, other
+        first, second = (str(name) for name in rng.choice(named, 2, replace=False))
+        if not _clash(first, second):
+            return first, second
 
 
 def _clash(first: str, second: str) -> bool:

@@ -48,8 +48,8 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
         AnalysisError: no scheduler answers, it has no workers, or Dask is not installed.
     """
     if scheduler is not None:
-        with cluster(scheduler) as found:
-            yield found
+        with cluster(scheduler) as remote:
+            yield remote
         return
     with _single_threads():
         context = multiprocessing.get_context("spawn")

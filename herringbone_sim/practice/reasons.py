@@ -23,8 +23,8 @@ def reasons(figure: str, cases: Sequence[Outcome]) -> list[str]:
     Returns:
         Empty for a figure without such an analysis, or if nothing goes wrong.
     """
-    found = _REASONS.get(figure)
-    return found(cases) if found else []
+    explain = _REASONS.get(figure)
+    return explain(cases) if explain else []
 
 
 def _counted(texts: Sequence[str], head: str) -> list[str]:
@@ -72,21 +72,23 @@ def _doubted(cases: Sequence[Outcome]) -> list[str]:
         kind: [c.p_truth for c in cases if c.kind == kind]
         for kind in ("none", "single", "pair", "unknown")
     }
-    told = "; ".join(f"{kind} {np.mean(p):.2f} (n = {len(p)})" for kind, p in means.items() if p)
+    summary = "; ".join(
+        f"{kind} {np.mean(p):.2f} (n = {len(p)})" for kind, p in means.items() if p
+    )
     doubted = [f"{_name(c)} -> {c.first}" for c in cases if c.p_truth < 0.5]
-    return [f"mean on the truth: {told}", *_counted(doubted, "under 0.5, truth -> first")]
+    return [f"mean on the truth: {summary}", *_counted(doubted, "under 0.5, truth -> first")]
 
 
 def _calibration(cases: Sequence[Outcome]) -> list[str]:
     """Return stated probability against fraction of true statements, in bins."""
     edges = (0.0, 0.5, 0.7, 0.9, 0.97, 1.0 + 1e-9)
-    told = []
+    bins = []
     for low, high in pairwise(edges):
         inside = [c for c in cases if low <= c.sure < high]
         if inside:
-            sure, held = np.mean([c.sure for c in inside]), np.mean([c.held for c in inside])
-            told.append(f"said {sure:.2f}, true {held:.2f} (n = {len(inside)})")
-    return ["probability of what is said and how often it is true: " + "; ".join(told)]
+            sure, share_true = np.mean([c.sure for c in inside]), np.mean([c.held for c in inside])
+            bins.append(f"said {sure:.2f}, true {share_true:.2f} (n = {len(inside)})")
+    return ["probability of what is said and how often it is true: " + "; ".join(bins)]
 
 
 def _unknowns(cases: Sequence[Outcome]) -> list[str]:
@@ -105,17 +107,19 @@ def _places(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _errors(cases: Sequence[Outcome]) -> list[str]:
-    found = _by_effect(cases, lambda c: c.error)
-    return _ranked({name: float(np.median(v)) for name, v in found.items()}, found, "median error")
+    errors = _by_effect(cases, lambda c: c.error)
+    return _ranked(
+        {name: float(np.median(v)) for name, v in errors.items()}, errors, "median error"
+    )
 
 
 def _coverage(cases: Sequence[Outcome]) -> list[str]:
     """Return the effects whose intervals miss the true value most often."""
-    found: dict[str, list[float]] = {}
+    by_effect: dict[str, list[float]] = {}
     for c in cases:
-        found.setdefault(c.first, []).extend(float(held) for held in c.covered)
-    shares = {name: 1.0 - float(np.mean(v)) for name, v in found.items() if v}
-    return _ranked(shares, found, "share of intervals without the truth")
+        by_effect.setdefault(c.first, []).extend(float(is_covered) for is_covered in c.covered)
+    shares = {name: 1.0 - float(np.mean(v)) for name, v in by_effect.items() if v}
+    return _ranked(shares, by_effect, "share of intervals without the truth")
 
 
 def _closures(cases: Sequence[Outcome]) -> list[str]:
@@ -132,19 +136,19 @@ def _by_effect(
     cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
 ) -> dict[str, list[float]]:
     """Return the values of the cases by most probable effect; None is omitted."""
-    found: dict[str, list[float]] = {}
+    by_effect: dict[str, list[float]] = {}
     for c in cases:
         got = value(c)
         if got is not None:
-            found.setdefault(c.first, []).append(got)
-    return found
+            by_effect.setdefault(c.first, []).append(got)
+    return by_effect
 
 
 def _ranked(values: dict[str, float], by_effect: dict[str, list[float]], head: str) -> list[str]:
     """Return a sentence with the largest values by effect."""
     worst = sorted(values, key=lambda name: -values[name])[:MOST]
-    told = "; ".join(f"{name} {values[name]:.3f} (n = {len(by_effect[name])})" for name in worst)
-    return [f"{head}, worst first: {told}"] if told else []
+    text = "; ".join(f"{name} {values[name]:.3f} (n = {len(by_effect[name])})" for name in worst)
+    return [f"{head}, worst first: {text}"] if text else []
 
 
 _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {

@@ -59,8 +59,8 @@ def drawn_channels(rng: Generator, name: str) -> tuple[str, ...]:
     """Return the channels of a set, of ``half_forces`` with a random half of the forces."""
     missing: set[str] = set()
     if name == "half_forces":
-        missing = {str(one) for one in rng.choice(_F, len(_F) // 2, replace=False)}
-    return tuple(one for one in CHANNEL_SETS[name] if one not in missing)
+        missing = {str(channel) for channel in rng.choice(_F, len(_F) // 2, replace=False)}
+    return tuple(channel for channel in CHANNEL_SETS[name] if channel not in missing)
 
 
 @dataclass(frozen=True)
@@ -182,9 +182,9 @@ def _motion_at(
     e = NOMINAL.e_sp
     x = geometry(u) * p.cos_beta - e * np.sin(phase)[:, None]
     v = geometry(rate) * p.cos_beta - e * p.omega * np.cos(phase)[:, None]
-    kept = without_trend(u, times)
+    detrended = without_trend(u, times)
     a = accelerations(p, own_times, phase, states)
-    return Motion(times, phase, x, v, force, kept, a, extra[:, :N_BODY])
+    return Motion(times, phase, x, v, force, detrended, a, extra[:, :N_BODY])
 
 
 def geometry(u: Array) -> Array:
@@ -208,8 +208,8 @@ def without_trend(u: Array, times: Array) -> Array:
     rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
     weights = rigid * _nominal_masses()
     along = u @ weights / float(rigid @ weights)
-    kept: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * rigid
-    return kept
+    detrended: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * rigid
+    return detrended
 
 
 @functools.cache

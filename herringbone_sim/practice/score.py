@@ -12,6 +12,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.practice.intervals import (
+    NOTHING,
     IntervalEstimate,
     auroc,
     bootstrap,
@@ -81,7 +82,7 @@ def _unknown(cases: Outcomes) -> IntervalEstimate:
     known = of_kind(cases, "single", "pair", "unknown")
     rows = [(case.p_unknown, float(case.kind == "unknown")) for case in known]
     figure = bootstrap(np.array(rows).reshape(-1, 2), auroc)
-    return figure if np.isfinite(figure.value) else share([])
+    return figure if np.isfinite(figure.value) else NOTHING
 
 
 def _locus(cases: Outcomes) -> IntervalEstimate:

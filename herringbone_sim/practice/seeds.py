@@ -39,18 +39,18 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     Raises:
         ParameterError: another form, a negative seed, or none.
     """
-    found: set[int] = set()
+    seeds: set[int] = set()
     try:
         for part in text.split(","):
             first, colon, end = part.strip().partition(":")
-            found |= set(range(int(first), int(end))) if colon else {int(first)}
+            seeds |= set(range(int(first), int(end))) if colon else {int(first)}
     except ValueError:
         raise ParameterError(
             f"seeds are numbers and ranges, got {text!r}: write them like 2000:2200 or 1,5,9"
         ) from None
-    if not found or min(found) < 0:
+    if not seeds or min(seeds) < 0:
         raise ParameterError(f"seeds must be one or more, none below 0, got {text!r}")
-    return tuple(sorted(found))
+    return tuple(sorted(seeds))
 
 
 def frozen(file: Path | None = None) -> Frozen | None:
@@ -59,17 +59,17 @@ def frozen(file: Path | None = None) -> Frozen | None:
     Raises:
         AnalysisError: the file does not give its seeds as pairs [first, last + 1].
     """
-    found = file or Path(__file__).parents[1] / "diagnosis" / "calibration.json"
-    if not found.is_file():
+    path = file or Path(__file__).parents[1] / "diagnosis" / "calibration.json"
+    if not path.is_file():
         return None
     try:
-        seeds = tuple((int(first), int(end)) for first, end in read_yaml(found)["seeds"])
+        seeds = tuple((int(first), int(end)) for first, end in read_yaml(path)["seeds"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise AnalysisError(
-            f"{found} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
+            f"{path} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
             "seeds the thresholds were frozen on"
         ) from None
-    return Frozen(found, hashlib.sha256(found.read_bytes()).hexdigest(), seeds)
+    return Frozen(path, hashlib.sha256(path.read_bytes()).hexdigest(), seeds)
 
 
 def check_seeds(

@@ -42,15 +42,15 @@ def draw_swap(rng: Generator, among: tuple[str, ...]) -> Drawn:
     recorded, any two of the quantity.
     """
     quantities = sorted({name[0] for name in among})
-    one = str(rng.choice(quantities))
-    if one in "ua":
-        suns = [b for b in BODIES[:2] if f"{one}_{b}" in among]
-        pair = [f"{one}_c", f"{one}_{rng.choice(suns)}"]
+    quantity = str(rng.choice(quantities))
+    if quantity in "ua":
+        suns = [b for b in BODIES[:2] if f"{quantity}_{b}" in among]
+        pair = [f"{quantity}_c", f"{quantity}_{rng.choice(suns)}"]
     else:
         i, s = rng.integers(1, 4), rng.choice(["L", "R"])
-        pair = [f"{one}_sp{i}_{s}", f"{one}_rp{i}_{s}"]
+        pair = [f"{quantity}_sp{i}_{s}", f"{quantity}_rp{i}_{s}"]
     if not set(pair) <= set(among):
-        alike = [name for name in among if name[0] == one]
+        alike = [name for name in among if name[0] == quantity]
         pair = [str(name) for name in rng.choice(alike, 2, replace=False)]
     return channel_locus(tuple(pair)), {}
 
@@ -63,8 +63,8 @@ def draw_recorder(rng: Generator, among: tuple[str, ...]) -> Drawn:
     """
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     quantities = sorted({name[0] for name in among})
-    for one, kind, side in product(quantities, ("all", "sp", "rp"), ("all", "L", "R")):
-        inside = tuple(name for name in among if name[0] == one and _of(name, kind, side))
+    for quantity, kind, side in product(quantities, ("all", "sp", "rp"), ("all", "L", "R")):
+        inside = tuple(name for name in among if name[0] == quantity and _of(name, kind, side))
         if inside and (len(inside) < len(among) or len(among) == 1):
             groups.setdefault(inside, at(kind, "all", side))
     chosen = list(groups)[int(rng.integers(len(groups)))]

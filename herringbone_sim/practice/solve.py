@@ -49,14 +49,14 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
             "of any size tried: take another seed"
         )
     slope = _slope(tries)
-    size, d = min(tries, key=lambda one: abs(np.log(one[1] / plan.d)))
-    whole = _detectability(plan, rig, cause.sized(size), Sampling())
-    if whole is None:
+    size, d = min(tries, key=lambda attempt: abs(np.log(attempt[1] / plan.d)))
+    d_full = _detectability(plan, rig, cause.sized(size), Sampling())
+    if d_full is None:
         return cause.sized(size), d
-    if abs(np.log(whole / plan.d)) < NEAR:
-        return cause.sized(size), whole
-    right = float(np.clip(_next(size, whole, plan.d, slope), kind.least, kind.cap))
-    return cause.sized(right), whole * (right / size) ** slope
+    if abs(np.log(d_full / plan.d)) < NEAR:
+        return cause.sized(size), d_full
+    right = float(np.clip(_next(size, d_full, plan.d, slope), kind.least, kind.cap))
+    return cause.sized(right), d_full * (right / size) ** slope
 
 
 def _sought(plan: Plan, rig: Constants, cause: Cause) -> Tries:
@@ -92,11 +92,13 @@ def _next(size: float, d: float, wanted: float, slope: float) -> float:
 def _detectability(plan: Plan, rig: Constants, cause: Cause, sampling: Sampling) -> float | None:
     """Return the detectability of a cause alone in the fit runs; None if one of them diverges."""
     alone = replace(plan, causes=(cause,))
-    found = []
+    measures = []
     try:
         for i in range(FIT_RUNS):
             moved = simulate_run(alone, rig, (cause,), i, sampling)
-            found.append(observe_run(alone, rig, (cause,), i, moved, largest([moved.now])).measure)
+            measures.append(
+                observe_run(alone, rig, (cause,), i, moved, largest([moved.now])).measure
+            )
     except DivergenceError:
         return None
-    return pooled(found)
+    return pooled(measures)

@@ -125,10 +125,10 @@ accelerate: Any = compiled(_accelerate)
 
 def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Array:
     """Return the second derivatives (n, 9) of the bodies [m/s^2] at times, phases and states."""
-    found = np.empty((len(states), N_BODY))
+    second_derivatives = np.empty((len(states), N_BODY))
     scratch = np.zeros(states.shape[1]), np.zeros(N_MESH), np.zeros(p.mass.size)
-    accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), found)
-    return found
+    accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), second_derivatives)
+    return second_derivatives
 
 
 def integrate(

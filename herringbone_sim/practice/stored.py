@@ -66,7 +66,9 @@ def read_bench(folder: Path) -> Bench:
         sealed=len(read_seals(folder)),
         sources=Counter(str(note.get("sources")) for note in notes),
         durations_s=tuple(
-            seconds for note in notes if isinstance(seconds := note.get("seconds"), (int, float))
+            duration_s
+            for note in notes
+            if isinstance(duration_s := note.get("seconds"), (int, float))
         ),
         left_out=len(read_json(folder / "left_out.json")),
     )
@@ -81,7 +83,7 @@ def stored_evidence(
 
     Raises:
         RecordingError: a label was changed.
-        AnalysisError: ``case.json`` has no relative error (older version), or can't be read.
+        AnalysisError: ``case.json`` or ``evidence.json`` are of another version, or can't be read.
     """
     for name, sealed in finished(folder).items():
         record = read_json(folder / "reports" / name / "evidence.json")
@@ -94,4 +96,11 @@ def stored_evidence(
                     f"{place / 'case.json'} must have the {RELATIVE_ERROR}, a number, got "
                     f"{relative_error}: diagnose it again"
                 )
-            yield label, read_json(place / "report.json"), Evidence.read(record), relative_error
+            try:
+                evidence = Evidence.read(record)
+            except (KeyError, TypeError, ValueError) as error:
+                raise AnalysisError(
+                    f"{place / 'evidence.json'} must be the evidence of a campaign, got {error}: "
+                    "diagnose it again"
+                ) from None
+            yield label, read_json(place / "report.json"), evidence, relative_error

@@ -61,10 +61,10 @@ def _usual(case: Outcome) -> bool:
 
 def cells(cases: Outcomes) -> list[tuple[str, list[Outcome]]]:
     """Return name and cases of each combination of noise, law, channels and d."""
-    found: dict[str, list[Outcome]] = {}
+    by_cell: dict[str, list[Outcome]] = {}
     for case in cases:
-        found.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
-    return sorted(found.items())
+        by_cell.setdefault(" x ".join(case.strata[name] for name in CELL), []).append(case)
+    return sorted(by_cell.items())
 
 
 def bench_rows(bench: Bench) -> list[Row]:
@@ -169,19 +169,21 @@ def _value(figure: IntervalEstimate) -> str:
 
 def _why_part(cases: Outcomes) -> str:
     """Return the section on missed targets: strata that miss each, and what is wrong there."""
-    found = []
+    lines = []
     for metric, row in zip(METRICS, rows_of(cases, AIM), strict=True):
         if row.met is not False:
             continue
         where = []
         for name, inside in strata(cases):
-            one = rows_of(inside, name, [metric])[0]
-            if one.met is False and len(inside) < len(cases):
-                where.append(f"{name} ({one.result.value:.3f}, n = {one.result.n})")
-        found.append(f"- {metric.name}: {_value(row.result)}, target {target(row)}")
-        found.append(f"  - missed in: {'; '.join(where) or 'no single stratum'}")
-        found += [f"  - {text}" for text in reasons(metric.name, cases)]
-    return "## Why targets are missed\n\n" + "\n".join(found) if found else ""
+            stratum_row = rows_of(inside, name, [metric])[0]
+            if stratum_row.met is False and len(inside) < len(cases):
+                where.append(
+                    f"{name} ({stratum_row.result.value:.3f}, n = {stratum_row.result.n})"
+                )
+        lines.append(f"- {metric.name}: {_value(row.result)}, target {target(row)}")
+        lines.append(f"  - missed in: {'; '.join(where) or 'no single stratum'}")
+        lines += [f"  - {text}" for text in reasons(metric.name, cases)]
+    return "## Why targets are missed\n\n" + "\n".join(lines) if lines else ""
 
 
 def _strata_part(cases: Outcomes) -> str:

@@ -28,8 +28,8 @@ def table(values: Array) -> Array:
 def deflections() -> Array:
     """Return the deflections (N_TABLE,) [m] at the nodes of a table by deflection."""
     z = LARGEST * GRID
-    found: Array = HALFWAY * z / (1.0 - z)
-    return found
+    nodes: Array = HALFWAY * z / (1.0 - z)
+    return nodes
 
 
 def wave(parts: Any, count: int) -> tuple[Array, Array]:

@@ -74,9 +74,9 @@ class Setting:
                 f"samples of a mesh cycle must be {LEAST_SAMPLES} or more, the fewest of real "
                 f"recordings, got {self.samples_per_cycle}"
             )
-        for one in self.noise:
-            if one not in NOISES:
-                raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {one!r}")
+        for noise in self.noise:
+            if noise not in NOISES:
+                raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {noise!r}")
 
 
 def plan_of(setting: Setting, seed: int) -> Plan:
@@ -122,19 +122,19 @@ def diagnose_case(
     The label is used to make the campaign; the diagnosis gets the recordings only. If it fails,
     the report says ``failed`` with certainty, which counts as wrong, and there is no evidence.
     """
-    made = remade(seed, setting, label, sealed)
+    practice_campaign = remade(seed, setting, label, sealed)
     plain = {
-        "always none": always_none(made.campaign),
-        "largest residual": largest_residual(made.campaign, made.series),
+        "always none": always_none(practice_campaign.campaign),
+        "largest residual": largest_residual(practice_campaign.campaign, practice_campaign.series),
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        campaign = as_prepared(made)
-        del made
+        campaign = as_prepared(practice_campaign)
+        del practice_campaign
         start = time.monotonic()
         case: dict[str, Any] = {"sources": sources(), RELATIVE_ERROR: relative_error()}
         try:
-            found = diagnose(campaign, senses=False)
+            diagnosis = diagnose(campaign, senses=False)
             case["seconds"] = time.monotonic() - start
         except Exception as error:  # in a bench failure is data
             case["failure"] = "".join(traceback.format_exception(error))
@@ -142,12 +142,12 @@ def diagnose_case(
             return {"baselines.json": _json(plain), "case.json": _json(case)} | {
                 "report.json": _json(report)
             }
-        plain |= rivals(campaign.rig, found.evidence)
+        plain |= rivals(campaign.rig, diagnosis.evidence)
     return {
         "baselines.json": _json(plain),
-        "evidence.json": _json({} if found.evidence is None else found.evidence.written()),
+        "evidence.json": _json({} if diagnosis.evidence is None else diagnosis.evidence.written()),
         "case.json": _json(case),
-        "report.json": _json(found.report.to_dict()),
+        "report.json": _json(diagnosis.report.to_dict()),
     }
 
 
@@ -172,14 +172,14 @@ def sources() -> str:
     Computed once per process, as loaded modules do not change with their files.
     """
     package = Path(__file__).parents[1]
-    own = sorted(
-        one
+    files = sorted(
+        file
         for room in ("diagnosis", "gap")
         for end in ("py", "json", "yaml")
-        for one in (package / room).rglob(f"*.{end}")
+        for file in (package / room).rglob(f"*.{end}")
     )
     parts = [cache.digest(package / "core", package / "effects").encode()]
-    parts += [hashlib.sha256(one.read_bytes()).digest() for one in own]
+    parts += [hashlib.sha256(file.read_bytes()).digest() for file in files]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 

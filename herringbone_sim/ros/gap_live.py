@@ -66,7 +66,7 @@ class GapNode(GuardedNode):
 
     def __init__(self, plan: Plan, **options: Any) -> None:
         super().__init__(NAME, **options)
-        prefixes = [one.rstrip("/") for one in (plan.rig, plan.simulator)]
+        prefixes = [namespace.rstrip("/") for namespace in (plan.rig, plan.simulator)]
         rig, simulator = (SampleStream(f"{prefix}/samples") for prefix in prefixes)
         self.comparison = Comparison(rig, simulator, plan.nominal, plan.noise_share)
         self._listeners = [_Listener(self, stream) for stream in (rig, simulator)]
@@ -96,15 +96,19 @@ class GapNode(GuardedNode):
 
     def sample_topics(self) -> tuple[str, ...]:
         """Names of all topics that carry samples, whichever node publishes them."""
-        found = self.get_topic_names_and_types()
-        return tuple(n for n, kinds in found if n.endswith("/samples") and SAMPLES in kinds)
+        topics = self.get_topic_names_and_types()
+        return tuple(n for n, kinds in topics if n.endswith("/samples") and SAMPLES in kinds)
 
     def _publish(self, picture: ComparisonResult) -> None:
         """Publish residual by place, rig minus simulator by mesh, and the whole as JSON."""
-        found = picture.residual
-        if found is not None and picture.rig.fresh:
+        residual = picture.residual
+        if residual is not None and picture.rig.fresh:
             values = Values(
-                stamp_ns(found.t_s), found.places, found.shares, found.chi, found.rms_by_place
+                stamp_ns(residual.t_s),
+                residual.places,
+                residual.shares,
+                residual.chi,
+                residual.rms_by_place,
             )
             self._residual.publish(encode_joint_state(values))
         a, b = picture.rig_motion, picture.simulator_motion
@@ -139,7 +143,8 @@ class _Listener:
         """
         known = self._node.get_publishers_info_by_topic(self._stream.topic)
         reliable = all(
-            one.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT for one in known
+            publisher.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT
+            for publisher in known
         )
         if known and reliable != self._reliable:
             self._reliable = reliable

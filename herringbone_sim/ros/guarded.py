@@ -22,15 +22,16 @@ from rclpy.parameter_service import ParameterService
 
 TURN_S = 0.2  # longest wait in the executor before a signal is noticed
 LONGEST_LINE = 300  # characters of a refusal, however long the message was
+CUT = " ... "  # stands for the middle of a longer one
 
 
 def one_line(text: str) -> str:
-    """Text on one line of about 300 characters at most; a longer one loses its middle."""
+    """Text on one line of ``LONGEST_LINE`` characters at most; a longer one loses its middle."""
     plain = textwrap.shorten(text, len(text) + 1)
     if len(plain) <= LONGEST_LINE:
         return plain
-    half = LONGEST_LINE // 2
-    return f"{plain[:half]} ... {plain[-half:]}"
+    half = (LONGEST_LINE - len(CUT)) // 2
+    return f"{plain[:half]}{CUT}{plain[-half:]}"
 
 
 def with_names(reason: str, names: Sequence[str]) -> str:
@@ -114,7 +115,7 @@ class GuardedNode(Node):  # type: ignore[misc]
         try:
             result: SetParametersResult = self.set_parameters_atomically(parameters)
         except ParameterException as error:
-            reason = with_names(str(error), [one.name for one in parameters])
+            reason = with_names(str(error), [parameter.name for parameter in parameters])
             return SetParametersResult(successful=False, reason=self.refuse(reason))
         except Exception as error:
             reason = self.failed("set_parameters", error)
@@ -142,7 +143,7 @@ class _CheckedParameterService(ParameterService):  # type: ignore[misc]
         self, request: SetParameters.Request, response: SetParameters.Response
     ) -> SetParameters.Response:
         node = self._get_node()
-        response.results = [node.set_from_messages([one]) for one in request.parameters]
+        response.results = [node.set_from_messages([message]) for message in request.parameters]
         return response
 
     def _set_parameters_atomically_callback(

@@ -187,13 +187,13 @@ class SimulatorNode(GuardedNode):
         if strangers:
             result = SetParametersResult(reason=unknown_message(strangers[0]))
         else:
-            wanted = [ros_parameters.adapted(p) for p in parameter_list]
-            news = [p for p in wanted if not ros_parameters.is_unchanged(self, p)]
-            if wanted and not news:
+            adapted = [ros_parameters.adapted(p) for p in parameter_list]
+            news = [p for p in adapted if not ros_parameters.is_unchanged(self, p)]
+            if adapted and not news:
                 return SetParametersResult(successful=True)
             result = super().set_parameters_atomically(news)
         if not result.successful:
-            reason = with_names(result.reason, [one.name for one in parameter_list])
+            reason = with_names(result.reason, [parameter.name for parameter in parameter_list])
             result.reason = self.refuse(reason)
         return result
 

@@ -192,11 +192,11 @@ class _Player:
             self._open_clock()
         self.channels.publish(String(data=json.dumps(self.recording.channels.content)))
         topic, count = self.samples.topic_name, len(self.recording.samples) - self.first
-        seconds = float(np.ptp(self.recording.samples.times[self.first :]))
+        duration_s = float(np.ptp(self.recording.samples.times[self.first :]))
         rounds = ", again and again" if self.playing.loop else ""
         print(
-            f"{self.recording.name}: sending {seconds:.4g} s on {topic}, in "
-            f"{seconds / self.playing.speed:.4g} s{rounds}",
+            f"{self.recording.name}: sending {duration_s:.4g} s on {topic}, in "
+            f"{duration_s / self.playing.speed:.4g} s{rounds}",
             flush=True,
         )
         self._wait_for_listeners()

@@ -87,5 +87,5 @@ class SimClock:
 
 def clock_message(t_s: float) -> ClockMessage:
     """A time [s] as a message on ``/clock``."""
-    seconds, part = divmod(stamp_ns(t_s), 10**9)
-    return ClockMessage(clock=Time(sec=seconds, nanosec=part))
+    sec, nanosec = divmod(stamp_ns(t_s), 10**9)
+    return ClockMessage(clock=Time(sec=sec, nanosec=nanosec))

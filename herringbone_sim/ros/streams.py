@@ -100,6 +100,7 @@ class Streams:
         onward: Callable[[list[Delivery], Regime], None],
     ) -> None:
         self.dropped = 0
+        self._counting = threading.Lock()
         self.regime: Regime | None = None
         self._decimate = decimate
         self._onward = onward
@@ -143,8 +144,12 @@ class Streams:
         try:
             self._queue.put_nowait(delivery)
         except Full:
-            self.dropped += 1
+            self._drop()
             self._missed = delivery
+
+    def _drop(self) -> None:
+        with self._counting:
+            self.dropped += 1
 
     def announce(self, delivery: Delivery) -> None:
         """Publish ``~/channels``: names, units, parameters in force, latest changes with their
@@ -158,23 +163,23 @@ class Streams:
         self._channels.publish(String(data=json.dumps(content)))
 
     def _run(self) -> None:
-        """Thread: publish deliveries until ``close``."""
+        """Thread: publish deliveries until ``close``; what fails is logged, the rest goes on."""
         while True:
             try:
                 delivery = self._queue.get(timeout=REGIME_S)
             except Empty:
-                self._publish_regime()
+                self._try_regime()
                 continue
             if delivery is None or not self._node.context.ok():
                 return
             try:
                 self._publish(delivery)
                 self._batch.append(delivery)
-                if time.monotonic() - self._last_regime_s >= REGIME_S:
-                    self._publish_regime()
             except Exception as error:
-                self.dropped += 1
+                self._drop()
                 self._node.get_logger().error(f"a block was not published: {error!r}")
+            if time.monotonic() - self._last_regime_s >= REGIME_S:
+                self._try_regime()
 
     def _publish(self, delivery: Delivery) -> None:
         """Publish one delivery: samples, section, state, and ``~/channels`` after a change."""
@@ -209,20 +214,25 @@ class Streams:
         sample = StateSample(stamp_ns(float(row[0])), model.layout.meshes, x, v, force)
         self._state.publish(encode_joint_state(sample))
 
-    def _publish_regime(self) -> None:
-        """Publish the regime; pass the deliveries since the last call and it to ``onward``."""
-        if not self._batch:
+    def _try_regime(self) -> None:
+        """Publish the regime of the deliveries since the last call, if any; log a failure."""
+        batch, self._batch = self._batch, []
+        if not batch:
             return
         self._last_regime_s = time.monotonic()
-        model = self._batch[-1].model
+        try:
+            self._publish_regime(batch)
+        except Exception as error:
+            self._node.get_logger().error(f"a regime was not published: {error!r}")
+
+    def _publish_regime(self, batch: list[Delivery]) -> None:
+        """Publish the regime at the end of deliveries, and pass them with it to ``onward``."""
+        model = batch[-1].model
         self.regime = self._monitor.regime(model)
         name = self._node.get_fully_qualified_name()
-        message = DiagnosticArray(
-            status=[regime_status(name, self.regime, model, self._batch[-1])]
-        )
+        message = DiagnosticArray(status=[regime_status(name, self.regime, model, batch[-1])])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._regime.publish(message)
-        batch, self._batch = self._batch, []
         self._onward(batch, self.regime)
 
 

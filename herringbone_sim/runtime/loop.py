@@ -145,8 +145,8 @@ class Loop:
     def close(self) -> None:
         """End the thread after its last block; wait for it unless the kernel is being compiled."""
         self._stop.set()
-        self._preparer.shutdown(wait=False)
         with self._lock:
+            self._preparer.shutdown(wait=False)
             self._lock.notify_all()
         compiling = self._thread.is_alive() and not self._ready
         if self._thread.is_alive() and not compiling:
@@ -158,34 +158,40 @@ class Loop:
         """Continue with another model of the same layout from the next sample on.
 
         Changes act in the order of submission. A new number of steps or samples per mesh cycle
-        waits for phase 0, and new effects for their kernel to be loaded or compiled.
+        waits for phase 0, and new effects for their kernel to be loaded or compiled; if that
+        fails, those before it stay. After ``close`` there is no next sample, and nothing is done.
 
         Args:
             model: model to continue with.
             values: changed values by name, passed on in ``Delivery.changes``.
-            actives: effects from then on; None: those submitted last.
+            actives: effects from then on; None: those submitted last that did not fail.
 
         Raises:
             ParameterError: effects that the gear can't have.
         """
         with self._lock:
+            if self._stop.is_set():
+                return
             self._last = chosen = self._last if actives is None else tuple(actives)
             machine = stepper(model, chosen)
             Sensors(machine, chosen)
             wanted = _Wanted(machine, chosen, values)
             others = self._ready or not machine.alike(self._stepper)
             later = self._preparing or (others and not machine.is_compiled)
-            self._preparing += bool(later)
-            if not later:
+            if later:
+                self._preparer.submit(self._prepare, wanted)
+                self._preparing += 1
+            else:
                 self._pending.append(wanted)
                 self._lock.notify_all()
-        if later:
-            self._preparer.submit(self._prepare, wanted)
 
     def _prepare(self, wanted: _Wanted) -> None:
         try:
             self._load(wanted.machine)
         except Exception as error:
+            with self._lock:
+                if self._last is wanted.actives:
+                    self._last = self._pending[-1].actives if self._pending else self._actives
             self._fail(f"the effects can't be compiled: {type(error).__name__}: {error}")
             raise
         else:

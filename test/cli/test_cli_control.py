@@ -5,12 +5,18 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.cli import control_parts
+from herringbone_sim.cli import control_parts, control_text
 from herringbone_sim.cli.control_parts import Size
-from herringbone_sim.control.runs import RunSettings
+from herringbone_sim.control.amplitude import Survey
+from herringbone_sim.control.runs import Motions, RunSettings
+from herringbone_sim.control.starts import Starts
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.sweeps.grid import Axis
+from herringbone_sim.views.figures.control import amplitude_figure
 
 PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
 COMMAND = ["control", "--parameters", PAPER, "--set", "xi=0.085", "--quick"]
@@ -75,6 +81,33 @@ def test_maps_are_whole(written):
 def test_each_part_is_drawn(written, part):
     for kind in ("png", "svg"):
         assert (written / f"control_{part}.{kind}").stat().st_size > 20_000
+
+
+def forced_survey():
+    """Periods of 3, 3, 6 and 0 mesh cycles at four K, from each of two starts, forced every 3."""
+    K = np.array([0.0, 0.1, 0.2, 0.3])
+    period = np.repeat([3.0, 3.0, 6.0, 0.0], 2)
+    motions = Motions(period, *[np.zeros(8)] * 7, np.zeros((8, 8)))
+    starts, delta_T = Starts(alike=0, parted=0), Axis("delta_T", (20.0,))
+    states = np.zeros((1, 2, 8))
+    return Survey(Parameters(), delta_T, K, starts, states, RunSettings(), motions, 3)
+
+
+def test_motions_are_named_by_the_period_of_the_forcing():
+    survey = forced_survey()
+    first, second = control_text.window_lines(survey)
+    for line in (first, second):
+        assert line.endswith("0.00-0.10 P1, 0.20-0.20 P2, 0.30-0.30 aperiodic")
+    (line,) = control_text.contact_lines(survey)
+    assert line.startswith("P1 from the zero start, 1 runs with K > 0")
+
+
+def test_motions_are_drawn_by_the_period_of_the_forcing():
+    figure = amplitude_figure(forced_survey(), [], 1.0)
+    left, right = (axes.collections[0].get_array().ravel() for axes in figure.axes[:2])
+    assert left.tolist() == [1.0, 1.0, 2.0, 0.0]  # places of P1, P1, P2, aperiodic
+    assert right.tolist() == [3.0, 3.0, 2.0, 0.0]
+    assert "periods of the forcing" in figure.axes[0].get_title(loc="left")
 
 
 def test_a_second_run_computes_nothing(written, monkeypatch, capsys):

@@ -11,7 +11,7 @@ import pytest
 from herringbone_sim.core.model import build
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.attribution.hypothesis import (
+from herringbone_sim.gap.attribution.effect_forces import (
     FusedRun,
     effect_contributions,
     expected_forces,
@@ -22,6 +22,7 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
+from herringbone_sim.gap.sensors.filter_delay import with_delayed_waves
 from herringbone_sim.recording.parameter_file import load_parameters
 
 NOMINAL = Path(__file__).resolve().parents[2] / "config" / "rig.yaml"
@@ -118,3 +119,18 @@ def test_effects_between_samples_are_those_at_the_samples() -> None:
     ]
     assert np.abs(at_samples).max() > 100.0
     assert change == pytest.approx(at_samples, abs=1e-3)
+
+
+@pytest.mark.parametrize("actives", [(), (CRACK,)], ids=["plain", "crack"])
+def test_a_common_filter_acts_on_the_law_between_samples_as_at_them(
+    actives: tuple[Active, ...],
+) -> None:
+    plain, factors = made(())[0], np.ones(6)
+    one = replace(plain, run=with_delayed_waves(plain.run, 2e-5, 0.8))
+    x, v, run = one.fused.x, one.fused.v, one.run
+    found = force_function_with_effects(one, factors, actives)(
+        run.phase, x + run.waves.e, v + run.waves.e_rate
+    )
+    at_samples = expected_forces(one, factors, actives)
+    assert np.abs(at_samples - expected_forces(plain, factors, actives)).max() > 100.0
+    np.testing.assert_allclose(found, at_samples, atol=2.0)  # noise of x: 1e-9 m

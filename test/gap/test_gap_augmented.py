@@ -18,7 +18,7 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.hypothesis import calibrated_gear_table, fused_run
+from herringbone_sim.gap.attribution.effect_forces import calibrated_gear_table, fused_run
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.named import name_effects

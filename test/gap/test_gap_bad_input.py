@@ -170,6 +170,19 @@ def test_faults_of_entries_are_told_and_the_others_are_kept(tmp_path: Path) -> N
     assert "a name of its own" in read.faults[3][1]
 
 
+@pytest.mark.parametrize("path", ["", ".", "..", "../rig/run_00", "day_2/../../run_00", "/run_00"])
+def test_a_run_outside_of_the_campaign_is_not_used(tmp_path: Path, path: str) -> None:
+    first, second, third = entries()
+    folder = write(
+        tmp_path, [], [first, second | {"path": path}, third | {"path": "day_2/run_02"}]
+    )
+    read = read_campaign(folder)
+    assert [run.path for run in read.runs] == [folder / "run_00", folder / "day_2" / "run_02"]
+    ((name, reason),) = read.faults
+    assert name == (path or "entry 1")
+    assert "path must lead to a folder inside" in reason
+
+
 def test_without_noise_the_cause_is_found_and_the_lack_told(
     tmp_path: Path, series: list[TimeSeries]
 ) -> None:

@@ -15,7 +15,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import ALL, Active, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
-from herringbone_sim.gap.attribution.hypothesis import FusedRun, fused_run
+from herringbone_sim.gap.attribution.effect_forces import FusedRun, fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -28,7 +28,7 @@ from herringbone_sim.gap.verdict.separation import (
     BALANCE,
     FORCES,
     MOTION,
-    FittedExplanation,
+    ExplanationAtFit,
     linear_predictions,
     separation,
 )
@@ -143,7 +143,7 @@ def test_rivals_leave_nothing_of_themselves_and_something_of_each_other(where: s
     names = (
         ("tooth_friction", "torque_ripple") if where == BALANCE else ("stagger", "mean_stiffness")
     )
-    rivals = [FittedExplanation((planted(name),), np.ones(6), np.ones(3)) for name in names]
+    rivals = [ExplanationAtFit((planted(name),), np.ones(6), np.ones(3)) for name in names]
     first, second = linear_predictions(one, rivals, where)
     assert separation(first, first).least < 1e-6 * (1.0 + float(first.values @ first.values))
     assert separation(first, second).least / separation(first, second).count > 1e-3

@@ -21,7 +21,7 @@ from herringbone_sim.gap.attribution.channel_sets import (
     planets_indistinguishable,
     undecidable_by_channels,
 )
-from herringbone_sim.gap.attribution.hypothesis import fused_run
+from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine

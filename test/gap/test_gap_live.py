@@ -12,6 +12,8 @@ import pytest
 from gap_support import NOMINAL, POINTS, noisy, sampled
 
 from herringbone_sim.cli.options import mirror_target
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
@@ -72,6 +74,15 @@ def test_without_forces_the_accelerations_tell_the_body(stiff: TimeSeries) -> No
     assert found.shares[:2].sum() > 0.9
     assert found.places[:2] == ("q_L", "q_R")
     assert "no forces" in found.remarks[-1]
+
+
+def test_the_reduced_gear_without_forces_leaves_its_noise() -> None:
+    model = build(NOMINAL.changed({**POINTS[0], "model": "reduced"}))
+    _, settled = simulate(model, 60)
+    series, _ = simulate(model, 40, settled)
+    found = residual(only(noisy(series, 0.01, 6), "x_", "v_"), NOMINAL, 0.01)
+    assert found.metric == "torque_balance"
+    assert found.total_chi < 1.2
 
 
 def test_too_few_channels_have_no_residual_and_say_what_is_needed(stiff: TimeSeries) -> None:

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import rig
+from gap_support import NOMINAL, rig
 from numpy.typing import NDArray
 
+from herringbone_sim.core.model import build
+from herringbone_sim.core.right_hand_side import accelerate
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign
 from herringbone_sim.gap.residuals.balance import (
     Balance,
     averaged_measured_force,
+    inertia_parts,
     quadrature_correction,
     torque_balance,
 )
@@ -95,3 +98,16 @@ def test_few_channels_end_in_nan() -> None:
     calibration, _, balances = by_motion(replace(campaign, runs=runs))
     assert all(np.isnan(balance.reduced_chi2).all() for balance in balances)
     np.testing.assert_array_equal(calibration.factors, 1.0)
+
+
+@pytest.mark.parametrize("projection", ["mesh_and_torque", "torque"])
+@pytest.mark.parametrize("model", ["full", "reduced"])
+def test_a_mesh_force_accelerates_as_in_the_simulation(model: str, projection: str) -> None:
+    gear = build(NOMINAL.changed({"model": model, "projection": projection}))
+    m, n = gear.layout.n_coordinate, gear.layout.n_mesh
+    expected = np.zeros((m, n))
+    for j, force in enumerate(np.eye(n)):
+        column = np.zeros(m)
+        accelerate(gear.packed, force, column)
+        expected[:, j] = gear.scales.projection * column
+    np.testing.assert_allclose(inertia_parts(gear).sum(axis=0), expected, rtol=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
-from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -25,6 +26,7 @@ from herringbone_sim.gap.sensors.consistency import (
     relations,
 )
 from herringbone_sim.gap.sensors.correction import correct_sensors, without_channels
+from herringbone_sim.gap.sensors.filter_delay import with_delayed_waves
 from herringbone_sim.gap.sensors.groups import sensor_names
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.sensors.swaps import find_swap
@@ -170,6 +172,22 @@ def test_dropped_channels_are_gone(clean: list[TimeSeries]) -> None:
     assert run.x.recorded[1:].all()
 
 
+def test_an_accelerometer_that_cannot_be_put_right_is_dropped(clean: list[TimeSeries]) -> None:
+    run = prepared(clean[0], POINTS[0])
+    n = len(run.model.layout.bodies)
+    run = run.with_measured("a", Measured(np.ones((len(run), n)), np.full(n, True), np.ones(n)))
+    spec = replace(effects()["sensor_gain"], id="sensor_of_a_plugin")
+    found = correct_sensors(run, (active(spec, values={"channels": ("a_c",)}),))
+    assert [not on for on in found.a.recorded] == [b == "c" for b in run.model.layout.bodies]
+
+
+def test_a_clock_is_put_right_behind_a_common_filter(clean: list[TimeSeries]) -> None:
+    run = with_delayed_waves(prepared(clean[0], POINTS[0]), 1e-5, 0.9)
+    found = correct_sensors(run, (active(effects()["clock_drift"], values={"ppm": 1.0}),))
+    np.testing.assert_allclose(found.waves.e, run.waves.e, atol=1e-12)
+    np.testing.assert_allclose(found.waves.k, run.waves.k, rtol=1e-12)
+
+
 def test_an_exchange_is_whole_or_none() -> None:
     """Two sensors of a healthy rig that move alike: a share of an exchange would average their
     noise, and leave less than none."""
@@ -180,6 +198,7 @@ def test_an_exchange_is_whole_or_none() -> None:
     search = Search(machine)
     none = search.settled(search.null)
     (exchange,) = [h for h in machine.hypotheses() if dict(h.options).get("channels") == names]
+    assert exchange.partly_screened  # it acts in force law and balance too
     start = np.append(none.mean, 1.0)
     found = search.settled(search.refined(exchange.coefficients, start))
     assert found.mean[-1] == pytest.approx(1.0, abs=2e-3)

@@ -16,9 +16,11 @@ from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.bodies import effect_accelerations
-from herringbone_sim.gap.attribution.hypothesis import fused_run
-from herringbone_sim.gap.report_file import check_report, read_report
+from herringbone_sim.gap.attribution.effect_forces import fused_run
+from herringbone_sim.gap.attribution.effect_torques import effect_accelerations
+from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
+from herringbone_sim.gap.repeat import repeat
+from herringbone_sim.gap.report_file import StoredReport, check_report, read_report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
@@ -166,3 +168,17 @@ def test_an_effect_on_the_bodies_is_measured_once() -> None:
     expected = np.hypot(found.nominal, np.sqrt(np.mean(size**2)))  # a rig without has it missing
     assert found.augmented > 2.0 * found.nominal
     assert found.augmented == pytest.approx(expected, rel=0.05)
+
+
+def test_without_forces_the_gap_is_named_one_of_accelerations() -> None:
+    run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], "held_out")
+    model = Augmented(np.ones(6), np.ones(3), motion=True)
+    found = residual_gap((run,), lambda one: one, "force_law", model)
+    assert (found.metric, found.unit) == ("torque_balance", "m/s^2")
+
+
+def test_a_gap_of_trajectories_is_not_measured_as_another() -> None:
+    report = StoredReport("rig", "runout", ("runout",), "trajectory", {})
+    campaign = PreparedCampaign("more", NOMINAL, (), mesh_table(NOMINAL.layout), ())
+    with pytest.raises(AnalysisError, match="'trajectory' can't be measured"):
+        repeat(campaign, NOMINAL, (), report)

@@ -14,9 +14,13 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import window_events
-from herringbone_sim.gap.observations.body_motion import rigid_swing
+from herringbone_sim.gap.observations.body_motion import (
+    inverse_masses,
+    rigid_swing,
+    static_rotations,
+)
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import (
@@ -62,6 +66,21 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
         assert 0.5 < np.mean(shot.residuals[:, :, kinds == kind][read] ** 2) < 2.0
     if channels == "shafts_rings":
         assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
+
+
+def test_static_rotations_are_those_about_which_rotations_are_recorded(gear: Gear) -> None:
+    """Planets follow from shafts as in ``symmetric_starts``, at rest."""
+    run = gear.runs[0].run
+    u, M = static_rotations(run), 1.0 / inverse_masses(run.model)
+    planets = -(2.0 * u[:2] @ M[:2] + u[2] * M[2]) / M[3:].sum()
+    assert u[3:] == pytest.approx(planets)
+
+
+def test_noise_of_single_samples_is_selected_with_its_mesh(gear: Gear) -> None:
+    m = gear.runs[0].motion
+    noise = np.arange(m.x.size, dtype=float).reshape(m.x.shape)
+    some, _ = select_meshes(replace(m, sigma_x=noise), LawChange(), np.array([2, 5]))
+    np.testing.assert_array_equal(some.sigma_x, noise[:, [2, 5]])
 
 
 def test_the_swing_that_a_recording_lacks_is_found() -> None:

@@ -117,7 +117,7 @@ def test_a_channel_later_than_a_window_is_long_is_read_from_the_windows_before(
     late = steps * s.h
     on_time, _ = s.channel_outputs(shot.states, drive)
     if error == "clock":  # as late as that in the middle of the recording
-        late /= s.run.times[s.n_windows * s.samples // 2]
+        late /= s.run.times[s.n_windows * s.samples_per_window // 2]
     off, _ = with_sensor_errors(s, {f"{error} of {name}": late}).channel_outputs(
         shot.states, drive
     )
@@ -127,7 +127,7 @@ def test_a_channel_later_than_a_window_is_long_is_read_from_the_windows_before(
     if error == "delay":
         np.testing.assert_allclose(shown[inner], before[inner - 10], atol=0.02 * size)
     else:
-        at_half = s.n_windows * s.samples // 2
+        at_half = s.n_windows * s.samples_per_window // 2
         assert shown[at_half] == pytest.approx(before[at_half - 10], abs=0.02 * size)
     others = np.arange(off.shape[2]) != at
     np.testing.assert_array_equal(off[:, :, others], on_time[:, :, others])

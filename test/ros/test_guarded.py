@@ -14,6 +14,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from support import Bench, values, wait_until
 
+from herringbone_sim.ros.guarded import LONGEST_LINE, one_line
+
 NUMBER = ParameterValue(type=3, double_value=0.2)
 NO_TYPE = ParameterValue(type=37)
 
@@ -76,6 +78,14 @@ def test_a_long_value_is_refused_in_one_line(bench: Bench) -> None:
         assert "\n" not in refused.reason
     assert node.refused == 5
     assert alive(bench)
+
+
+def test_a_long_text_keeps_its_ends() -> None:
+    said = one_line("begin " + "x" * 1000 + " end")
+    assert len(said) <= LONGEST_LINE
+    assert said.startswith("begin x")
+    assert said.endswith("x end")
+    assert one_line(said) == said
 
 
 def test_an_error_of_ours_in_a_callback_is_counted_and_answered(bench: Bench) -> None:

@@ -191,6 +191,25 @@ def test_regime_tells_chaos_with_a_positive_exponent(bench: Bench) -> None:
     assert float(seen["largest_exponent"]) > 0.01
 
 
+def test_samples_go_on_when_a_regime_can_not_be_published(bench: Bench) -> None:
+    node = bench.simulator(start_paused=True)
+    failures: list[object] = []
+
+    def fail(*deliveries: object) -> None:
+        failures.append(deliveries)
+        raise RuntimeError("no regime")
+
+    node.streams._onward = fail
+    node.streams._last_regime_s = math.inf  # not yet due with a sample, but with an empty queue
+    got = bench.listen(Float64MultiArray, SAMPLES)
+    assert bench.call("step").success
+    wait_until(lambda: failures)
+    seen = len(got)
+    assert bench.call("step").success
+    wait_until(lambda: len(got) > seen)
+    assert node.streams.dropped == 0
+
+
 def test_diagnostics_tell_how_it_runs(bench: Bench) -> None:
     bench.simulator(real_time_factor=0.05)
     got = bench.listen(DiagnosticArray, "/diagnostics")

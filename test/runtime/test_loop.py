@@ -15,6 +15,7 @@ from loop_support import Run
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.runtime import (
     Delivery,
@@ -24,6 +25,14 @@ from herringbone_sim.runtime import (
 )
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+CRACK = "tooth_crack@sp/all/L:depth=0.3,member=sun"
+
+
+def wait_until(true: Callable[[], object], timeout: float = 10.0) -> None:
+    limit = time.monotonic() + timeout
+    while not true():
+        assert time.monotonic() < limit, "waited in vain"
+        time.sleep(0.002)
 
 
 def test_blocks_leave_in_time_at_every_factor(model: Model, runs: list[Run]) -> None:
@@ -123,6 +132,44 @@ def test_a_kernel_that_fails_to_compile_is_compiled_no_more(
     run.loop.close()
     assert "no memory" in run.faults[0]
     assert not run.loop.compiling
+
+
+def test_effects_that_fail_to_compile_are_dropped(
+    model: Model, runs: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A change after them acts with the effects in force, and does not compile them again."""
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+    run.until(3)
+    errors = iter([MemoryError("no memory")])
+
+    def fail_once(_: Model) -> None:
+        for error in errors:
+            raise error
+
+    monkeypatch.setattr(loop, "warm_up", fail_once)
+    monkeypatch.setattr(Stepper, "is_compiled", property(lambda _: False))
+    run.loop.submit(model, {"effects": CRACK}, read_effects(CRACK))
+    wait_until(lambda: run.faults and not run.loop._preparing)
+    values = {"K": 0.2}
+    run.loop.submit(build(model.parameters.changed(values)), values)
+    wait_until(lambda: run.loop.model.parameters.K == 0.2)
+    assert "no memory" in run.faults[0]
+    assert run.loop.actives == ()
+
+
+def test_a_change_after_the_end_is_ignored(
+    model: Model, runs: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+    run.until(3)
+    run.loop.close()
+    monkeypatch.setattr(Stepper, "is_compiled", property(lambda _: False))
+    run.loop.submit(model, {"effects": CRACK}, read_effects(CRACK))
+    assert run.loop.actives == ()
 
 
 def test_a_broken_sink_is_reported(model: Model, runs: list[Run]) -> None:

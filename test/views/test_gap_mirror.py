@@ -13,7 +13,7 @@ from gap_support import NOMINAL, rig
 from herringbone_sim.cli.gap import mirror_gap
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.attribution.hypothesis import fused_run
+from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis

@@ -23,20 +23,20 @@ from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.figures.gap_arrays import BINS, mean_over_phase
+from herringbone_sim.views.gear_geometry import MESHES
+from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap.page import gap_page, plan_command, write_gap_page
-from herringbone_sim.views.pages.gap.tables import closure
+from herringbone_sim.views.pages.gap.tables import runs_values
 from herringbone_sim.views.pages.gap.verdict import headline
 from herringbone_sim.views.pages.gap.where import bodies
 from herringbone_sim.views.pages.gap.words import (
     PHRASES,
     closure_words,
-    figure,
     locus_words,
     parameter_words,
-    percent,
     place_words,
 )
-from herringbone_sim.views.pages.gear_drawing import MESHES, colour, mesh_shares
+from herringbone_sim.views.pages.gear_drawing import colour, mesh_shares
 
 ALL = Locus()
 SUN_2_LEFT = Locus("sp", "2", "L")
@@ -232,12 +232,20 @@ def test_held_out_runs_are_told_from_fit_runs() -> None:
     assert page.index("run_06") < page.index("run_00")
 
 
-def test_closure_of_a_run() -> None:
+def test_closure_of_a_run_is_that_of_the_gap() -> None:
+    """From the recalibrated gear where it is known, as in the sentence above the table."""
     run = RunGap("run_06", "held_out", nominal=10.0, augmented=3.0, floor=2.0)
-    assert closure(run) == pytest.approx(7 / 8)
-    assert closure(replace(run, augmented=12.0)) == pytest.approx(-2 / 8)
-    assert math.isnan(closure(replace(run, nominal=1.9)))
-    assert math.isnan(closure(replace(run, floor=math.nan)))
+    for one, closed in (
+        (run, "88 %"),
+        (replace(run, recalibrated=6.0), "75 %"),
+        (replace(run, augmented=12.0), "-25 %"),
+        (replace(run, nominal=1.9), "not known"),
+        (replace(run, floor=math.nan), "not known"),
+    ):
+        values = runs_values(Gap("force_law", (one,)), "one")
+        (row,) = values["rows"]
+        assert row["numbers"][-1] == closed
+        assert closed in values["lead"] or closed in ("-25 %", "not known")
 
 
 def test_words() -> None:
@@ -255,6 +263,8 @@ def test_words() -> None:
     assert parameter_words("channels", Estimate(("u_c", "a_c"))) == "channels u_c, a_c"
     told = [percent(share) for share in (0.0, 0.0004, 0.0123, 0.61, 0.9993, 1.0, math.nan)]
     assert told == ["0 %", "< 0.1 %", "1.2 %", "61 %", "> 99.9 %", "100 %", "not known"]
+    told = [percent(share) for share in (-0.0, -0.0004, -0.0123, 1.0004, 1.0012, 1.005, 1.3)]
+    assert told == ["0 %", "> -0.1 %", "-1.2 %", "> 100 %", "100.1 %", "100.5 %", "130 %"]
 
 
 def test_an_effect_of_the_users_own_is_readable() -> None:

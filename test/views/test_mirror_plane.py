@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
+from mirror_support import REDUCED, make_block
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.views.mirror.block import contact_states
 from herringbone_sim.views.mirror.palette import mesh_colours
 from herringbone_sim.views.mirror.plane import Axes, Bifurcation, limits_for, smooth, ticks
+from herringbone_sim.views.mirror.planes import Planes
 
 
 def test_ticks_are_round_and_inside() -> None:
@@ -46,7 +50,7 @@ def test_bifurcation_is_bounded_and_forgets_only_at_the_same_value() -> None:
         store.add(np.full(500, k), np.arange(500.0), np.zeros(500, dtype=np.int64))
     store.add(np.full(10_000, 0.5), np.zeros(10_000), np.zeros(10_000, dtype=np.int64))
     points = store.points()
-    assert len(points) == len(store) <= 20_000
+    assert len(points) <= 20_000
     assert len(np.unique(points[:, 0])) > 100
     newest = points[points[:, 0] == 0.1 // 1e-9 * 1e-9]
     assert set(newest[:, 1]) <= set(np.arange(450.0, 500.0))
@@ -74,7 +78,7 @@ def test_pages_that_are_not_touched_stay() -> None:
 def test_nan_is_no_section_point() -> None:
     store = Bifurcation()
     store.add(np.array([0.1, 0.2]), np.array([np.nan, 1.0]), np.array([0, 0]))
-    assert len(store) == 1
+    assert len(store.points()) == 1
 
 
 def test_spline_passes_through_the_samples_and_follows_a_circle() -> None:
@@ -106,6 +110,19 @@ def test_both_branches_of_a_hysteresis_stay_in_the_bifurcation() -> None:
     points = store.points()
     for k in np.unique(points[:, 0]):
         assert set(points[points[:, 0] == k, 1]) == {1.0, -1.0}
+
+
+def test_a_new_axis_has_the_direction_of_its_own_parameter() -> None:
+    """K rises, then delta_T falls: the first points over delta_T are those of a fall."""
+    block = make_block()
+    planes = Planes.of(MagicMock(), REDUCED, None, "", block)
+    assert planes is not None
+    directions = []
+    for column, value in (("K", 0.1), ("K", 0.2), ("delta_T", 40.0), ("delta_T", 45.0)):
+        block.rows[:, block.names.index(column)] = value
+        planes._follow_steered(block)
+        directions.append((planes.steered, planes._rising))
+    assert directions[1:] == [("K", True), ("delta_T", False), ("delta_T", True)]
 
 
 DEGENERATE = {

@@ -145,6 +145,32 @@ def test_an_address_of_another_machine_is_not_served_at(host: str) -> None:
     assert host in mirror.state
 
 
+def test_no_viewer_is_started_for_an_address_of_another_machine() -> None:
+    from herringbone_sim.views.mirror.sink import ViewerError, open_sink
+
+    port = free_port()
+    with pytest.raises(ViewerError, match=r"192\.0\.2\.1"):
+        open_sink(MirrorTarget("spawn", f"192.0.2.1:{port}"))
+    assert not listens("127.0.0.1", port)
+
+
+@pytest.mark.parametrize("mode", ["serve", "spawn"])
+def test_what_does_not_answer_in_time_is_ended(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from herringbone_sim.views.mirror import sink
+
+    port, opened = free_port(), []
+    monkeypatch.setattr(sink, "START_S", 0.0)
+    monkeypatch.setattr(sink, "answers", lambda *_: False)
+    temporary_file = sink.temporary_file
+    monkeypatch.setattr(
+        sink, "temporary_file", lambda: opened.append(temporary_file()) or opened[-1]
+    )
+    with pytest.raises(sink.ViewerError, match="did not answer within 0 s"):
+        sink.open_sink(MirrorTarget(mode, str(port)))
+    assert opened[0].closed
+    assert not [pid for pid in pids() if f"--port\0{port}\0" in pid[1]]
+
+
 def test_a_server_ends_with_its_program_even_when_that_is_killed() -> None:
     port = free_port()
     program = (

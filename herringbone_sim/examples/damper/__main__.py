@@ -25,10 +25,10 @@ PENALTY = 0.1  # prior precision of the judge's weights about 0; chosen, as they
 
 def probabilities(evidence: Evidence, weights: Array) -> dict[tuple[str, ...], float]:
     """Probability by ids of the effects, summed over options of an effect, most probable first."""
-    found: dict[tuple[str, ...], float] = {}
-    for one in chances(evidence, weights):
-        found[one.effects] = found.get(one.effects, 0.0) + one.probability
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+    by_effects: dict[tuple[str, ...], float] = {}
+    for chance in chances(evidence, weights):
+        by_effects[chance.effects] = by_effects.get(chance.effects, 0.0) + chance.probability
+    return dict(sorted(by_effects.items(), key=lambda item: -item[1]))
 
 
 def train_judge(rigs: int) -> Array:
@@ -52,21 +52,21 @@ def load_weights() -> Array:
     return np.array([data.get(name, 0.0) for name in NAMES])
 
 
-def verdict(found: Examination, weights: Array) -> str:
+def verdict(examination: Examination, weights: Array) -> str:
     """Text with probabilities of 0.1 % or more, and the best single effect with its fit."""
     lines = []
-    for effects, p in probabilities(evidence_of(found), weights).items():
+    for effects, p in probabilities(evidence_of(examination), weights).items():
         if p >= 0.001:
             lines.append(f"{100.0 * p:6.1f} %  {' and '.join(effects) or 'none'}")
-    best, n = found.singles[0], found.count
-    left = f"{found.none.loss / n:.2f} without it, {best.loss / n:.2f} with it"
+    best, n = examination.singles[0], examination.count
+    squares_left = f"{examination.none.loss / n:.2f} without it, {best.loss / n:.2f} with it"
     lines.append(f"best effect: {describe(best)}")
-    return "\n".join([*lines, f"mean square left over the noise: {left}"])
+    return "\n".join([*lines, f"mean square left over the noise: {squares_left}"])
 
 
-def describe(one: FittedExplanation) -> str:
+def describe(explanation: FittedExplanation) -> str:
     """Text of an explanation by one effect: options, fitted values and standard deviations."""
-    h, score = one.hypotheses[0], one.score
+    h, score = explanation.hypotheses[0], explanation.score
     own = slice(len(score.mean) - len(h.coefficients), None)
     sd = np.sqrt(np.diag(score.covariance_with_jackknife()))
     values = zip(score.coefficients[own], score.mean[own], sd[own], strict=True)

@@ -111,7 +111,7 @@ def hypotheses(runs: int) -> list[Hypothesis]:
     ) -> Hypothesis:
         return Hypothesis(effect, tuple(options.items()), "mass", (own, *shape), 1)
 
-    found = [
+    catalogue = [
         hypothesis("coulomb", own=main("coulomb", law={"friction": 1.0})),
         hypothesis("cubic", own=main("cubic", law={"cubic": 1.0})),
         hypothesis("play", own=main("play", law={"play": 1.0})),
@@ -121,13 +121,13 @@ def hypotheses(runs: int) -> list[Hypothesis]:
         for q in STATIC_RATIOS:
             own = main("stribeck", law={"friction": 1.0, f"fall {f}": q})
             shape = _stribeck_departures(f, q, runs)
-            found.append(hypothesis("stribeck", *shape, own=own, falling=f, ratio=q))
+            catalogue.append(hypothesis("stribeck", *shape, own=own, falling=f, ratio=q))
     for t in TRAVELS:
         halfway = 0.5 * np.log(TRAVELS[1] / TRAVELS[0]) * simulate.MODERATE_SIZES["presliding"]
         longer = coefficient("longer", halfway, np.inf, runs, law={f"longer {t}": 1.0})
         own = main("presliding", law={f"slip {t}": 1.0})
-        found.append(hypothesis("presliding", longer, own=own, travel=t))
-    return found
+        catalogue.append(hypothesis("presliding", longer, own=own, travel=t))
+    return catalogue
 
 
 def _stribeck_departures(

@@ -36,12 +36,12 @@ def smoothed_play(x: Array, play: float) -> tuple[Array, Array, Array]:
     All (n,); expectations over the noise of the measured x (n,) [m], ``play`` in m.
     """
     sigma = SIGMA["x"]
-    found, odds = [], []
+    beyond, odds = [], []
     for over in (x - play, -x - play):
         odds.append(ndtr(over / sigma))
         bell = sigma * np.exp(-0.5 * (over / sigma) ** 2) / np.sqrt(2.0 * np.pi)
-        found.append(over * odds[-1] + bell)
-    return found[0] - found[1], odds[1] - odds[0], odds[0] + odds[1]
+        beyond.append(over * odds[-1] + bell)
+    return beyond[0] - beyond[1], odds[1] - odds[0], odds[0] + odds[1]
 
 
 def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str, Array]:
@@ -127,16 +127,16 @@ class Damper:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        made = {LAW: self._law, IMPULSE: self._impulse}
-        found = []
+        block_of = {LAW: self._law, IMPULSE: self._impulse}
+        by_run = []
         for r in range(self.runs):
             of_run = {}
             for o in observations:
                 a = {f: float(values[r, 0]) for f, values in amplitudes.get(o, {}).items()}
                 names = FUNCTIONS[o] if wanted is None else tuple(wanted.get(o, ()))
-                of_run[o] = made[o](r, a, names)
-            found.append(of_run)
-        return found
+                of_run[o] = block_of[o](r, a, names)
+            by_run.append(of_run)
+        return by_run
 
     def _law(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
         run, fixed = self.recorded[r], self._linear_columns[r]

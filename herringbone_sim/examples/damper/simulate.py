@@ -76,11 +76,11 @@ def response(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
     Returns:
         (n, 3) x [m], v [m/s] and force F [N], without noise, gain error or offset.
     """
-    found, h = np.empty((n, 3)), STEP / SUBSTEPS
+    samples, h = np.empty((n, 3)), STEP / SUBSTEPS
     x, v, s = 2e-3, 0.0, 0.0
     for i in range(n * SUBSTEPS):
         if i % SUBSTEPS == 0:
-            found[i // SUBSTEPS] = x, v, law(x, v, s, p)[0]
+            samples[i // SUBSTEPS] = x, v, law(x, v, s, p)[0]
         dx, dv, ds, to_x, to_v, to_s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for at, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             now = v + at * h * dv
@@ -88,7 +88,7 @@ def response(n, mass, P, omega, p):  # type: ignore[no-untyped-def]
             dx, dv = now, (P * np.cos(omega * (i + at) * h) - force) / mass
             to_x, to_v, to_s = to_x + weight * dx, to_v + weight * dv, to_s + weight * ds
         x, v, s = x + h / 6.0 * to_x, v + h / 6.0 * to_v, s + h / 6.0 * to_s
-    return found
+    return samples
 
 
 def simulate(effect: str, seed: int) -> list[Run]:

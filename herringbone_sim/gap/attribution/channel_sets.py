@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from herringbone_sim.core.mirror import has_equal_planets
-from herringbone_sim.gap.attribution.hypothesis import FusedRun
+from herringbone_sim.gap.attribution.effect_forces import FusedRun
 
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
 

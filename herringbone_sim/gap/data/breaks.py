@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.arrays import Flags
+from herringbone_sim.core.layout import HEAD
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.data.screen import HEAD, Finding, may_have_gaps
+from herringbone_sim.gap.data.screen import Finding, may_have_gaps
 
 STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
 DROPOUT_SHARE = 0.5  # fraction of NaN channels above which a sample counts as a dropout

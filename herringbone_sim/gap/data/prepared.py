@@ -13,7 +13,7 @@ from herringbone_sim.core.layout import KINDS, SIDES, Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.data.waves import Waves
+from herringbone_sim.gap.data.waves import Waves, waves
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,10 @@ class PreparedRun:
         """Copy with the channels ``off`` (k,) of a quantity not recorded."""
         measured: Measured = getattr(self, quantity)
         return self.with_measured(quantity, measured.without(off))
+
+    def waves_at(self, phase: Array) -> Waves:
+        """Nominal waves at mesh phases (n,) [rad], with ``delay_rad`` and ``e_share``."""
+        return waves(self.model, phase - self.delay_rad, self.omega_rad_per_s, self.e_share)
 
     @property
     def shafts_known(self) -> bool:

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from herringbone_sim.core.layout import PREFIX_UNITS
+from herringbone_sim.core.layout import HEAD, PREFIX_UNITS
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import shown
 
-HEAD = ("t", "phase", "K", "delta_T", "T_1")  # channels of every recording, never left out
 AT_LIMIT = 8  # least number of samples at the extreme value of a saturated channel
 CROWDED = 4.0  # least ratio of that number to the samples at any neighbouring value
 NEAR = 20  # number of neighbouring values compared

@@ -22,6 +22,7 @@ from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.body_motion import inverse_masses
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
@@ -69,9 +70,7 @@ def function_names(
 
 def accelerations(model: Model) -> Array:
     """Accelerations (n_coordinate, n_bodies) of z by unit forces on the bodies [1/kg]."""
-    s, packed = model.scales, model.packed
-    inverse = np.concatenate([packed.inv_M_s, [1.0 / s.M_c], packed.inv_M_p.ravel()])
-    return np.asarray(bodies_to_coordinates(model) * inverse)
+    return np.asarray(bodies_to_coordinates(model) * inverse_masses(model))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
 
 
@@ -27,7 +27,7 @@ def inverse_masses(model: Model) -> Array:
     return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
 
 
-def rigid_momentum(run: PreparedRun, phase: Array) -> Array:
+def rigid_moment(run: PreparedRun, phase: Array) -> Array:
     """Sum of M r u (n,) over the bodies that the control causes at mesh phases (n,) [kg m].
 
     r is the rigid rotation, 1 at the carrier. Mesh forces do no work along it, so the second
@@ -46,27 +46,33 @@ def rigid_swing(run: PreparedRun) -> Array:
     Recordings of a simulator in relative coordinates lack all rigid rotation; those of a rig lack
     only its trend.
     """
-    model = run.model
-    M = 1.0 / inverse_masses(model)
-    G = coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model)
-    rigid = np.linalg.svd(G)[2][-1]
-    rigid = rigid / rigid[2]
-    swing = rigid_momentum(run, run.phase) / (M @ rigid**2)
+    M = 1.0 / inverse_masses(run.model)
+    rigid = _rigid_rotation(bodies_to_meshes(run.model))
+    swing = rigid_moment(run, run.phase) / (M @ rigid**2)
     return np.asarray(swing[:, None] * rigid)
 
 
+def _rigid_rotation(G: Array) -> Array:
+    """Rotations (9,) of the bodies that move no mesh, 1 at the carrier; G: (n_mesh, 9)."""
+    rigid = np.linalg.svd(G)[2][-1]
+    return np.asarray(rigid / rigid[2])
+
+
 def static_rotations(run: PreparedRun) -> Array:
-    """Static rotations (9,) under the torques [m], for equal planets, e = 0 and sum of M u = 0."""
+    """Static rotations (9,) [m] under the torques, for equal planets and e = 0.
+
+    Of those that differ by a rigid rotation r, the one with sum of M r u = 0, as of recorded u.
+    """
     model = run.model
-    p, sc, layout = model.parameters, model.scales, model.layout
-    G = coordinates_to_meshes(layout) @ bodies_to_coordinates(model)
-    M = 1.0 / inverse_masses(model)
-    tau = np.zeros(len(M))
+    p, sc = model.parameters, model.scales
+    G = bodies_to_meshes(model)
+    of_rigid = _rigid_rotation(G) / inverse_masses(model)
+    tau = np.zeros(len(of_rigid))
     tau[:2] = p.T_1 / (2.0 * sc.r_bs)
     tau[2] = -sc.T_2 / sc.r_bc
     force = np.linalg.lstsq(G.T, tau, rcond=None)[0]
     x = force / mean_stiffness(p) + np.sign(force) * model.half_backlash_m
-    rows = np.vstack([G, M / np.abs(M).max()])
+    rows = np.vstack([G, of_rigid / np.abs(of_rigid).max()])
     found: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
     return found
 

@@ -23,6 +23,7 @@ from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
+from herringbone_sim.recording.importing.turns import base_radius
 
 NAME = "consistency"
 ERROR_KINDS = ("gain", "bias", "delay", "clock")
@@ -136,12 +137,10 @@ def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:
         for cycles in cycles_per_shaft_turn(run.model).values()
         for trig in (np.cos, np.sin)
     ]
-    s = run.model.scales
-    radius = {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}
     sizes = [
-        ENCODER_ERROR_RAD * radius[name[2]]
+        ENCODER_ERROR_RAD * base_radius(run.model, name[2:])
         if name[0] == "u"
-        else ENCODER_ERROR_RAD * s.r_bs * (name[0] == "x")
+        else ENCODER_ERROR_RAD * run.model.scales.r_bs * (name[0] == "x")
         for name in sensor_names(run.model.layout)
     ]
     return np.stack(waves, axis=1), np.array(sizes)

@@ -38,6 +38,11 @@ KNOT_SPACING = 0.125  # mesh cycles between knots of the curve; three samples at
 KNOTS = np.arange(-9, 10, dtype=np.float64) * KNOT_SPACING
 
 
+def contact_shape(s: Array) -> Array:
+    """Raised cosine over a contact, 1 at its middle; s: mesh cycles from the middle."""
+    return np.where(np.abs(s) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * s / HALF_CONTACT), 0.0)
+
+
 @dataclass(frozen=True)
 class Fold:
     """Sums over all revolutions of a member, by mesh and bin of the revolution.
@@ -216,7 +221,7 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
     return ranked[:6]
 
 
-def window_functions(
+def event_functions(
     gear: Gear, label: str, kind: str, member: str, middle: float, late: Array
 ) -> list[Function]:
     """Return a hat function for each of ``KNOTS`` about an event, named ``LABEL i``.
@@ -272,14 +277,16 @@ class Event:
         """Return functions of the force law, ``LABEL i``, that span its curve on its meshes."""
         late = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
-        every = window_functions(gear, label, self.effect, self.member, self.middle, late)
+        every = event_functions(gear, label, self.effect, self.member, self.middle, late)
         return tuple(replace(f, meshes=at) for f in every)
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
         """Hypothesis of the event: a raised cosine over the contact, and departures from it."""
         mask = self.locus.mask(builder.gear.model.layout)
         unit = 0.3 if self.effect == "tooth_crack" else 5e-6
-        main: Weights = {f"{label} {i}": -w * mask for i, w in enumerate(BUMP) if w}
+        main: Weights = {
+            f"{label} {i}": -w * mask for i, w in enumerate(contact_shape(KNOTS)) if w
+        }
         terms = [builder.coefficient(_PARAMETER_NAMES[self.effect], main, unit)]
         for i in range(len(KNOTS)):
             bend: Weights = {f"{label} {i}": -mask}
@@ -289,8 +296,5 @@ class Event:
         return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 
-# Raised cosine over the contact, at the knots.
-BUMP = np.where(
-    np.abs(KNOTS) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * KNOTS / HALF_CONTACT), 0.0
-)
+BUMP = contact_shape(KNOTS)
 _PARAMETER_NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}

@@ -15,11 +15,7 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import (
-    bodies_to_coordinates,
-    coordinates_to_meshes,
-    cycles_per_shaft_turn,
-)
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.observations.basis import (
     ORDERS,
     TURNS,
@@ -32,6 +28,7 @@ from herringbone_sim.gap.observations.basis import (
 )
 from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.law import Law, MeshMotion
+from herringbone_sim.recording.importing.turns import base_radius
 
 NAME = "force_law"
 SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains
@@ -226,20 +223,17 @@ def block(
 def encoder_nuisances(model: Model, names: Sequence[str]) -> tuple[Array, Array]:
     """Return shared nuisances: an encoder error once per revolution of each body.
 
-    A reading too large by w acts on the law as the displacement d = -(D B)[:, body] w.
+    A reading too large by w acts on the law as the displacement d = -G[:, body] w.
 
     Returns:
         Weights (T, n_mesh, Q) of the functions ``names``, and prior standard deviations (T,) [m].
     """
-    D, B = coordinates_to_meshes(model.layout), bodies_to_coordinates(model)
-    through = -D @ B
-    bodies, s = model.layout.bodies, model.scales
+    through = -bodies_to_meshes(model)
     weights, sds = [], []
-    radius = {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}
-    for j, body in enumerate(bodies):
+    for j, body in enumerate(model.layout.bodies):
         for trig in ("cos", "sin"):
             one = np.zeros((model.layout.n_mesh, len(names)))
             one[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
             weights.append(one)
-            sds.append(ENCODER_ERROR_RAD * radius[body[0]])
+            sds.append(ENCODER_ERROR_RAD * base_radius(model, body))
     return np.array(weights), np.array(sds)

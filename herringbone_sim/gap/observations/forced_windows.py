@@ -61,7 +61,8 @@ class ForcedWindows:
     def _nominal(self) -> tuple[Array, Array, Array]:
         """Nominal k [N/m], e [m] and rate of e [m/s], each (half steps, n_mesh).
 
-        They are late by the common delay of the run's channels.
+        They are late by the common delay of the run's channels; e is not reduced by ``e_share``, a
+        property of recorded x, which windows don't use.
         """
         s = self.windows
         w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)

@@ -33,10 +33,7 @@ from herringbone_sim.gap.observations.recorded_gear import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.residuals.balance import FINE, window_of
-
-# Deviation of the balance's window, chosen: it passes 0.75 of mesh order 1, 0.08 of order 3.
-WINDOW_CYCLES = 0.12
+from herringbone_sim.gap.residuals.balance import FINE, WIDTH, window_of
 
 
 class Gear(RecordedGear):
@@ -61,7 +58,7 @@ class Gear(RecordedGear):
         gain_tolerance: Sequence[float] = (),
     ) -> None:
         super().__init__(runs, drift, stride, swap, gain_tolerance)
-        self.window_cycles = WINDOW_CYCLES
+        self.window_cycles = WIDTH
         self.exact_forces = False
         self.body_functions: tuple[Function, ...] = ()
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
@@ -191,7 +188,11 @@ class Gear(RecordedGear):
     def change_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = ()
     ) -> LawChange:
-        """Change of the law at a motion by functions at amplitudes (n_mesh,); see ``law_of``."""
+        """Change of the law at a motion by functions at amplitudes (n_mesh,); see ``law_of``.
+
+        Moving parts are integrated at the motion as recorded, even if ``m`` is that of a run with
+        corrected motion sensors; only windows integrate them at ``m``.
+        """
         r = self.number_of.get(m.name)
         between = None if r is None or not self._changes.parts else self.runs[r].dense
         return self._changes.evaluated(m, m if self.uses_windows else between, amplitudes, wanted)
@@ -233,7 +234,7 @@ class Gear(RecordedGear):
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
         if trajectory.NAME in observations and self.has_windows_of(r):
-            found[trajectory.NAME] = self._windows(r, amplitudes, wanted)
+            found[trajectory.NAME] = self._trajectory_block(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
             return found
         g = self.corrected_run(r, amplitudes.get(consistency.NAME, {}))
@@ -271,7 +272,7 @@ class Gear(RecordedGear):
             found[balance.NAME] = linear_block_at(full, of_balance, r, wanted)
         return found
 
-    def _windows(
+    def _trajectory_block(
         self,
         r: int,
         amplitudes: Amplitudes,

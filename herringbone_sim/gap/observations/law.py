@@ -136,7 +136,7 @@ def select_meshes(
     wide = ("x", "v", "F", "k", "e", "e_rate")
     narrow = ("sigma_x", "sigma_v", "sigma_F", "k_m", "c", "b")
     some = {name: getattr(m, name)[:, at] for name in wide}
-    some |= {name: getattr(m, name)[at] for name in narrow}
+    some |= {name: getattr(m, name)[..., at] for name in narrow}
     some["filtered"] = None if m.filtered is None else m.filtered[:, :, at]
     parts: dict[str, Array | float] = {
         name: value[:, at] if isinstance(value, np.ndarray) and value.ndim == 2 else value

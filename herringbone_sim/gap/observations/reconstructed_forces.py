@@ -25,7 +25,7 @@ from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import amplitudes, functions_used
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
-from herringbone_sim.gap.attribution.hypothesis import fused_run
+from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.basis import Function, force_column
@@ -121,7 +121,7 @@ def reconstructed_forces(
     variance = np.maximum(now.sigma[at] ** 2 - stiff**2 * var_x, 0.0)
     variance += np.einsum("nja,nab,njb->nj", slope, errors.by_noise, slope)
     variance += np.sum((slope @ errors.by_coefficients + direct) ** 2, axis=2)
-    first = own.lead_windows * s.samples
+    first = own.lead_windows * s.samples_per_window
     return ReconstructedForces(
         run.name,
         run.role,
@@ -212,7 +212,7 @@ def _state_errors(
     return StateErrors(
         (T @ own_blocks[:, None] @ T.transpose(0, 1, 3, 2)).reshape(-1, STATES, STATES),
         (pushed @ coefficients + T @ moved.reshape(W, 1, STATES, -1)).reshape(
-            W * s.samples, STATES, -1
+            W * s.samples_per_window, STATES, -1
         ),
         (T @ by_encoders.reshape(W, 1, STATES, 1)).reshape(-1, STATES),
     )
@@ -244,7 +244,7 @@ def _responses_of_states(
         at: motion of the meshes at every step, and the force law there.
         wanted: names of the Q columns.
     """
-    shape = (s.n_windows, s.samples, STATES)
+    shape = (s.n_windows, s.samples_per_window, STATES)
     nothing = np.zeros((STATES, STATES // 2))
     states = WindowChannels(
         tuple(f"state {i}" for i in range(STATES)),

@@ -15,11 +15,11 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.force_law import SLOW_HZ
 from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.runs import GearRun
 
 MAINS_HZ = (50.0, 100.0, 150.0)
-SLOW_HZ = 150.0  # drift and hum lie below: third harmonic of the mains
 EXCESS = 4.0  # power of a line over that of white noise, which exceeds it at 1 of 50 lines
 
 

@@ -149,7 +149,7 @@ class PartTrial:
         self._bound = np.array([c.bound for c in self._known])
         self._start = known.mean - np.array([c.center for c in self._known])
         self._runs = [self._run(r, blocks[r]) for r in looked]
-        self._drives: dict[tuple[Locus, int], PartDrive] = {}
+        self._drives: dict[tuple[str, Locus, int], PartDrive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
     def _observations(self) -> list[str]:
@@ -220,8 +220,8 @@ class PartTrial:
         return self.evaluated(seat.with_log_offsets(found.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
-        """Meshes and forces that drive the part in a run, cached by locus and run."""
-        key = seat.locus, run.number
+        """Meshes and forces that drive the part in a run, cached by effect, locus and run."""
+        key = seat.effect, seat.locus, run.number
         if key not in self._drives:
             self._drives[key] = PartDrive(
                 self.gear.model, seat.locus, seat.effect, run.dense, run.between
@@ -229,13 +229,16 @@ class PartTrial:
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
-        """Yield rows of force law and balance that a part changes, without and with the part."""
+        """Yield rows of force law and balance that a part changes, without and with the part.
+
+        The inertia force of a pin on the carrier is left out: it changes ``gain`` by about 1 %.
+        """
         gear = self.gear
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = select_meshes(run.strided, run.change, at)
         before = law(m, change)
         drive = self._drive(run, seat)
-        reach = -gear.model.scales.cos_beta * drive.share[:, at]
+        reach = -gear.model.scales.cos_beta * drive.meshes_mask[:, at]
         (q,) = drive.motions([seat])[:, run.sample_index]
         ch = replace(change)
         ch.d, ch.d_rate = ch.d + q[:, :, 0] @ reach, ch.d_rate + q[:, :, 1] @ reach

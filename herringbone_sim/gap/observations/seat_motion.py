@@ -120,7 +120,7 @@ def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
+def _interpolate(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
     """Interpolate x, v and k (j,), in place, at the fraction s between samples ``at`` and
     ``at`` + 1; return ``MeshLoads.rest`` there [N].
     """
@@ -136,7 +136,7 @@ def _place(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
 def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignore[no-untyped-def]
     """Write to ``out`` (L,) the accelerations [m/s^2] of a part on L seats at q, ``rate`` (L,).
 
-    x, v, k and ``rest`` are those of ``_place``; other terms are those of sample ``at``.
+    x, v, k and ``rest`` are those of ``_interpolate``; other terms are those of sample ``at``.
     """
     L = len(q)
     out[:] = 0.0
@@ -173,7 +173,7 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
     q, rate, q2, r2, q3, r3, q4, r4, a1, a2, a3, a4 = np.zeros((12, L))
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
     low, high = np.full(L, -1e-3), np.full(L, 1e-3)
-    rest = _place(m, 0, 0.0, x, v, k)
+    rest = _interpolate(m, 0, 0.0, x, v, k)
     for _ in range(60):
         q[:] = 0.5 * (low + high)
         _accelerate(m, p, cos_beta, 0, x, v, k, rest, q, rate, a1)
@@ -188,18 +188,18 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
         if at + 1 == n:
             break
         for part in range(parts):
-            rest = _place(m, at, part / parts, x, v, k)
+            rest = _interpolate(m, at, part / parts, x, v, k)
             _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, a1)
             for i in range(L):
                 q2[i], r2[i] = q[i] + 0.5 * h * rate[i], rate[i] + 0.5 * h * a1[i]
-            rest = _place(m, at, (part + 0.5) / parts, x, v, k)
+            rest = _interpolate(m, at, (part + 0.5) / parts, x, v, k)
             _accelerate(m, p, cos_beta, at, x, v, k, rest, q2, r2, a2)
             for i in range(L):
                 q3[i], r3[i] = q[i] + 0.5 * h * r2[i], rate[i] + 0.5 * h * a2[i]
             _accelerate(m, p, cos_beta, at, x, v, k, rest, q3, r3, a3)
             for i in range(L):
                 q4[i], r4[i] = q[i] + h * r3[i], rate[i] + h * a3[i]
-            rest = _place(m, at, (part + 1.0) / parts, x, v, k)
+            rest = _interpolate(m, at, (part + 1.0) / parts, x, v, k)
             _accelerate(m, p, cos_beta, at, x, v, k, rest, q4, r4, a4)
             for i in range(L):
                 q[i] += h * (rate[i] + 2.0 * r2[i] + 2.0 * r3[i] + r4[i]) / 6.0

@@ -135,7 +135,7 @@ class Seat:
         found = {label: now}
         for name, q in zip(names, moved, strict=True):
             found[f"{label} {name}"] = (q - now) / DIFFERENCE_STEP
-        reach = -model.scales.cos_beta * drive.share
+        reach = -model.scales.cos_beta * drive.meshes_mask
         return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
 
 
@@ -174,7 +174,8 @@ class PartDrive:
         change: change of the law by everything but the part.
 
     Attributes:
-        share: (k, n_mesh) 1 for the meshes of each of k coordinates (ring halves, or one pin).
+        meshes_mask: (k, n_mesh) 1 for the meshes of each of k coordinates (ring halves, or one
+            pin).
         load: largest force on the part if it were rigid [N].
     """
 
@@ -189,17 +190,19 @@ class PartDrive:
         if effect == "ring_flexibility":
             side = np.arange(n) % (n // 2) // (n // 4)
             every = [mask & (np.arange(n) >= n // 2) & (side == one) for one in range(2)]
-            self.share = np.array([one for one in every if one.any()], dtype=float)
+            self.meshes_mask = np.array([one for one in every if one.any()], dtype=float)
             self._mass, self._under = s.M_r, np.inf
         else:
-            self.share = mask[None].astype(float)
+            self.meshes_mask = mask[None].astype(float)
             _, self._mass = pin_meshes(model, locus)
             self._under = s.M_c - self._mass
             control = m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
             rest = s.cos_beta * force[:, ~mask].sum(axis=1) + s.M_c * control
             rest -= 2.0 * m.point["T_1"] / s.r_bs
-        self.load = float(s.cos_beta * np.max(np.abs(force) @ self.share.T))
-        self._meshes = [_mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.share]
+        self.load = float(s.cos_beta * np.max(np.abs(force) @ self.meshes_mask.T))
+        self._meshes = [
+            _mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.meshes_mask
+        ]
 
     def motions(self, seats: Sequence[Seat]) -> Array:
         """Displacement [m] and rate [m/s] (L, n, k, 2) of the k coordinates on each of L seats."""

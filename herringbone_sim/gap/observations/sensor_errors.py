@@ -95,7 +95,14 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         one = builder.coefficient(
             "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
         )
-        yield Hypothesis("channel_swap", (("channels", gear.swap),), Locus(), (one,), 1)
+        yield Hypothesis(
+            "channel_swap",
+            (("channels", gear.swap),),
+            Locus(),
+            (one,),
+            1,
+            partly_screened=True,
+        )
 
 
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:

@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.body_motion import (
-    rigid_momentum,
+    rigid_moment,
     shaft_rotations,
 )
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
@@ -23,8 +23,8 @@ from herringbone_sim.gap.observations.window_states import BlockTridiagonal, Win
 from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
 JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
-MAX_ROUNDS = 25
-RELATIVE_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit ends
+FIT_MAX_ROUNDS = 25
+FIT_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit ends
 # Tolerance where states are the result: those of unmeasured planets converge slower than chi2.
 FINE_TOLERANCE = 1e-8
 
@@ -65,21 +65,21 @@ class WindowSolution:
 def symmetric_starts(s: Windows) -> Array:
     """Start states (W, 18) from the motion of the shafts, with all unmeasured planets in step.
 
-    Rotations of planets follow from suns and carrier, as ``rigid_momentum`` is known. Rates are
+    Rotations of planets follow from suns and carrier, as ``rigid_moment`` is known. Rates are
     derivatives of the rotations by a Savitzky-Golay filter.
     """
     M, run = 1.0 / s.inverse_masses, s.run
-    n = s.n_windows * s.samples
+    n = s.n_windows * s.samples_per_window
     u = np.zeros((n, len(M)))
     u[:, :3] = shaft_rotations(run)[:n]
     phase = s.phase[:: 2 * s.steps_per_sample][:n]
-    mean = (rigid_momentum(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
+    mean = (rigid_moment(run, phase) - 2.0 * u[:, :2] @ M[:2] - u[:, 2] * M[2]) / M[3:].sum()
     planets = run.u.recorded[3:]
     u[:, 3:] = np.where(planets, np.nan_to_num(run.u.values[:n, 3:]), mean[:, None])
     width, order = 7, 4
     smooth = savgol_filter(u, width, order, axis=0)
     rate = savgol_filter(u, width, order, deriv=1, delta=run.step_s, axis=0)
-    return np.hstack([smooth, rate])[:: s.samples][: s.n_windows]
+    return np.hstack([smooth, rate])[:: s.samples_per_window][: s.n_windows]
 
 
 def evaluated(
@@ -91,7 +91,9 @@ def evaluated(
         trends: (m,) amplitudes of ``Windows.trends``; None: zero.
     """
     amplitudes = np.zeros(len(s.trends.size)) if trends is None else trends
-    states, tangents = integrate_windows(starts, s.first_half_step, s.steps, s.h, forcing)
+    states, tangents = integrate_windows(
+        starts, s.first_half_step, s.steps_per_window, s.h, forcing
+    )
     seen, slope = s.channel_outputs(states, forcing)
     measured = s.measured - s.trend_values(amplitudes)
     off, slope = (measured - seen) * s.weight, slope * s.weight[..., None]
@@ -109,7 +111,7 @@ def propagators(s: Windows, tangents: Array) -> Array:
         s: the windows.
         tangents: (W, steps, 18, 18) derivatives of single steps.
     """
-    found = np.empty((len(tangents), s.samples + 1, STATES, STATES))
+    found = np.empty((len(tangents), s.samples_per_window + 1, STATES, STATES))
     _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
     found[:, -1] /= s.scale[:, None]
     return found
@@ -143,9 +145,9 @@ def fitted_windows(
     s: Windows,
     starts: Array,
     forcing: Forcing,
-    rounds: int = MAX_ROUNDS,
+    rounds: int = FIT_MAX_ROUNDS,
     trends: Array | None = None,
-    tolerance: float = RELATIVE_TOLERANCE,
+    tolerance: float = FIT_TOLERANCE,
 ) -> WindowSolution:
     """Fit start states and trends of windows by Levenberg-Marquardt.
 
@@ -189,6 +191,9 @@ def _trend_step(
     s: Windows, rows: Array, left: Array, right: Array, found: Array, damping: float
 ) -> Array:
     """Levenberg-Marquardt step (m,) of the trends, with the step of the states eliminated.
+
+    ``Trends.size`` is no prior: 1/size^2 damps a step as ``damping`` does, so that trends which
+    the readings hardly determine stay finite; it is not in ``WindowSolution.cost``.
 
     Args:
         rows: (rows, m) of ``Windows.trend_rows``.

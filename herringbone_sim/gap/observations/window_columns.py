@@ -29,6 +29,7 @@ from herringbone_sim.gap.observations.window_sensors import (
     exchangeable,
 )
 from herringbone_sim.gap.observations.windows import Windows
+from herringbone_sim.recording.importing.turns import base_radius
 
 
 def function_names(
@@ -144,7 +145,9 @@ def window_columns(
     rows = solution.residuals.size + solution.jumps.size
     found = np.zeros((rows, Q))
     if at:
-        size = np.stack(sizes)[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
+        size = np.stack(sizes)[
+            :, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
+        ]
         response = responses(s, solution, np.stack(directions), size, np.stack(on_meshes))
         for i, column in zip(at, response.T, strict=True):
             found[:, i] += column
@@ -216,8 +219,6 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
         (2 n_encoders + m,) of their amplitudes, in the unit of the channel.
     """
     model = s.run.model
-    sc = model.scales
-    radius = {"s": sc.r_bs, "c": sc.r_bc, "p": sc.r_bp}
     W, samples, k = s.weight.shape
     phase = s.phase[:: 2 * s.steps_per_sample][: W * samples].reshape(W, samples)
     found, sizes = [], []
@@ -229,6 +230,6 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
                     phase / cycles_per_shaft_turn(model)[name[2]]
                 )
                 found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
-                sizes.append(ENCODER_ERROR_RAD * radius[name[2]])
+                sizes.append(ENCODER_ERROR_RAD * base_radius(model, name[2:]))
     gratings = np.array(found).reshape(-1, W * samples * k + (W - 1) * STATES).T
     return np.hstack([gratings, s.trend_rows()]), np.append(sizes, s.trends.size)

@@ -23,6 +23,7 @@ from herringbone_sim.gap.observations.events import (
     EVENT_KINDS,
     HALF_CONTACT,
     Event,
+    contact_shape,
     event_columns,
     mesh_delays,
     tooth_meets,
@@ -80,15 +81,13 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
     """
     s = one.windows
     solution, now, m = one.last_linearisation
-    at = s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)
+    at = s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
     cycles = m.phase[at] / (2.0 * np.pi)
     before = np.floor((cycles[:, 0] - HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
     last = np.ceil((cycles[:, -1] + HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
     near = np.arange(int((last - before).max()) + 1)
     away = cycles[None] - (before[None, :, None] + near[:, None, None]) / MIDDLES_PER_CYCLE
-    shape = np.where(
-        np.abs(away) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * away / HALF_CONTACT), 0.0
-    )
+    shape = contact_shape(away)
     M = len(s.G)
     clear = one.last_elimination.clear
     times = int(before.max() - before.min()) + len(near)

@@ -44,9 +44,9 @@ class WindowPartTrial(PartTrial):
         model, one = self.gear.model, self.gear.trajectory_under(run.number, self._amplitudes)
         s, solution = one.windows, one.last_linearisation[0]
         drive = self._drive(run, seat)
-        at = np.flatnonzero(drive.share.any(axis=0))
+        at = np.flatnonzero(drive.meshes_mask.any(axis=0))
         (q,) = drive.motions([seat])
-        reach = -model.scales.cos_beta * drive.share
+        reach = -model.scales.cos_beta * drive.meshes_mask
         change = replace(
             run.change,
             d=run.change.d + q[:, :, 0] @ reach,
@@ -62,7 +62,7 @@ class WindowPartTrial(PartTrial):
                 [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
             )
             on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
-        size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps + 1)]
+        size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
         weight = np.sqrt(block.independent_share) / block.sigma[:, 0]

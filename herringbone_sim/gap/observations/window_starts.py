@@ -26,8 +26,8 @@ N_FITTED = 2  # initial states fitted to convergence
 # Passes of filter and fit where rotations may lack their mean or the rigid swing; each takes the
 # trends of the best fit before it off the readings.
 N_FILTERED = 3
-MAX_ROUNDS = 8
-RELATIVE_TOLERANCE = 1e-2  # relative decrease of a window's chi2 below which its fit ends
+FILTER_MAX_ROUNDS = 8
+FILTER_TOLERANCE = 1e-2  # relative decrease of a window's chi2 below which its fit ends
 
 
 def filter_and_fit(
@@ -110,7 +110,7 @@ def _window(
 
     def evaluate(z: Array) -> tuple[Array, ...]:
         """States, tangents, channel derivatives, residuals and chi2 at scaled starts z (K, 18)."""
-        states, tangents = integrate_windows(z * s.scale, first, s.steps, s.h, forcing)
+        states, tangents = integrate_windows(z * s.scale, first, s.steps_per_window, s.h, forcing)
         seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]
         away = z - expected
@@ -119,11 +119,11 @@ def _window(
 
     z, damping = expected.copy(), np.full(K, 1e-2)
     states, tangents, slope, off, cost = evaluate(z)
-    for number in range(MAX_ROUNDS + 1):
+    for number in range(FILTER_MAX_ROUNDS + 1):
         T = propagators(s, tangents)
         J = (slope @ T[:, :-1]).reshape(K, -1, STATES)
         normal = J.transpose(0, 2, 1) @ J + precision
-        if number == MAX_ROUNDS:
+        if number == FILTER_MAX_ROUNDS:
             break
         right = np.einsum("kri,kr->ki", J, off.reshape(K, -1))
         right -= np.einsum("kij,kj->ki", precision, z - expected)
@@ -138,6 +138,6 @@ def _window(
             for a, b in zip(new, (states, tangents, slope, off), strict=True)
         )
         damping *= np.where(better, 1.0 / 6.0, 6.0)
-        if np.all(gained < RELATIVE_TOLERANCE * cost) and better.any():
+        if np.all(gained < FILTER_TOLERANCE * cost) and better.any():
             break
     return z, cost, normal, T[:, -1], states[:, -1] / s.scale

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.body_motion import inverse_masses, shaft_rotations
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
@@ -44,7 +44,7 @@ class Windows:
         channels: channels to fit.
         measured: (W, samples, k) readings; 0 where there are none.
         weight: (W, samples, k) 1 over the noise (with integration error); 0 without reading.
-        samples, steps: samples and integration steps per window.
+        samples_per_window, steps_per_window: samples and integration steps per window.
         h: integration step [s].
         phase: (n,) mesh phase at every half step [rad].
         first_half_step: (W,) index of the half step at which each window starts.
@@ -60,8 +60,8 @@ class Windows:
     channels: WindowChannels
     measured: Array
     weight: Array
-    samples: int
-    steps: int
+    samples_per_window: int
+    steps_per_window: int
     h: float
     phase: Array
     first_half_step: NDArray[np.int64]
@@ -78,7 +78,7 @@ class Windows:
     @property
     def steps_per_sample(self) -> int:
         """Integration steps per sample."""
-        return self.steps // self.samples
+        return self.steps_per_window // self.samples_per_window
 
     def in_windows(self, values: Array) -> Array:
         """Cut channels (n, k) into windows (W, samples, k), 0 for missing readings."""
@@ -111,7 +111,7 @@ class Windows:
         """
         alone = first is not None
         begin = self.first_half_step if first is None else first
-        at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples)
+        at = begin[:, None] + 2 * self.steps_per_sample * np.arange(self.samples_per_window)
         value, slope = channel_outputs(
             self.channels, states[:, : -1 : self.steps_per_sample], forcing, at
         )
@@ -151,14 +151,14 @@ class Windows:
             alone: whether to use steps of the same window only, else those of all windows. Beyond
                 these, the parabola is extrapolated by three steps and constant from there.
         """
-        sample = np.arange(self.samples)
+        sample = np.arange(self.samples_per_window)
         since = self.run.times[0] + 0.5 * self.h * begin[:, None] + self.run.step_s * sample
         late = self.delay[i] + self.clock[i] * since
         start = begin[:, None] // 2
         first, last = (
-            (start + 1, start + self.steps - 1)
+            (start + 1, start + self.steps_per_window - 1)
             if alone
-            else (np.int64(1), np.int64(self.n_windows * self.steps - 1))
+            else (np.int64(1), np.int64(self.n_windows * self.steps_per_window - 1))
         )
         at = np.clip(start + self.steps_per_sample * sample - late / self.h, first - 3, last + 3)
         middle = np.clip(np.rint(at), first, last).astype(np.int64)
@@ -220,7 +220,7 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
     inverse = inverse_masses(model)
     return Windows(
         run,
-        coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model),
+        bodies_to_meshes(model),
         inverse,
         measured,
         np.nan_to_num(values),

@@ -24,7 +24,6 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.diagnose import STRIDE
 from herringbone_sim.gap.named import moderate_size
 from herringbone_sim.gap.observations.events import EVENT_KINDS, Event, mesh_delays
 from herringbone_sim.gap.observations.force_law import cycles_per_member_turn
@@ -32,6 +31,7 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
 from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
+from herringbone_sim.gap.sensor_calibration import STRIDE
 from herringbone_sim.gap.sensors.detrended import only_windows_possible, without_detrended
 
 Say = Callable[[str], None]

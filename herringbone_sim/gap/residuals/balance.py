@@ -204,14 +204,14 @@ def inertia_parts(model: Model) -> Array:
     layout, s = model.layout, model.scales
     n, m, c = layout.n_mesh, layout.n_coordinate, layout.n_classes
     A = np.zeros((3, m, n))
-    square = s.cos_beta**2
+    of_all = s.projection * model.packed.multiplicity  # a mesh stands for those of all planets
     for side in range(2):
-        A[0, side, side * c : (side + 1) * c] = -square * model.packed.inv_M_s[side]
-    per_planet = square * model.packed.inv_M_p.ravel()
+        A[0, side, side * c : (side + 1) * c] = -of_all * model.packed.inv_M_s[side]
+    per_planet = s.projection * model.packed.inv_M_p.ravel()
     A[1, 2:, : n // 2] = np.diag(per_planet)
     A[1, 2:, n // 2 :] = -np.diag(per_planet)
-    A[2, :2] = -2.0 * square / s.M_c
-    A[2, 2:] = -square / s.M_c
+    A[2, :2] = -2.0 * of_all / s.M_c
+    A[2, 2:] = -of_all / s.M_c
     return A
 
 

@@ -16,7 +16,6 @@ from scipy.optimize import lsq_linear
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -106,7 +105,7 @@ def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
     """Return the force law as a function of the motion, for ``quadrature_correction``.
 
     Args:
-        run: whose model and mesh frequency are used; ``delay_rad`` and ``e_share`` are ignored.
+        run: whose model and nominal waves are used.
         factors: (6,) on k, c and e, see ``NAMES``.
 
     Returns:
@@ -116,7 +115,7 @@ def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:
-        w = waves(run.model, phase, run.omega_rad_per_s)
+        w = run.waves_at(phase)
         spring: Array = w.k * k_f * backlash(deflection - e_f * w.e, run.model.half_backlash_m)
         damper: Array = run.model.damping_n_s_per_m * c_f * (rate - e_f * w.e_rate)
         return spring + damper

@@ -13,7 +13,6 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import between, channels_of
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.data.waves import waves
 
 Undo = Callable[[float, Array, Array], Array]  # size, times, values -> corrected values
 
@@ -28,9 +27,9 @@ UNDO: Mapping[str, Undo] = {
 def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     """Remove sensor effects from x, v, u, a and the clock of a run.
 
-    Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels x, v
-    and u with an effect that can't be undone are marked as not recorded. A ``clock_drift`` without
-    channels is that of the whole recording and changes its time stamps.
+    Forces are not changed: effects on force sensors are part of ``expected_forces``. Channels x,
+    v, u and a with an effect that can't be undone are marked as not recorded. A ``clock_drift``
+    without channels is that of the whole recording and changes its time stamps.
     """
     for one in actives:
         if one.effect.id == "clock_drift" and not one.chosen.get("channels"):
@@ -132,12 +131,12 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
 def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
     """Replace the time stamps (n,) of a run, and compute its nominal waves anew."""
     run = replace(run, times=times)
-    return replace(run, waves=waves(run.model, run.phase, run.omega_rad_per_s))
+    return replace(run, waves=run.waves_at(run.phase))
 
 
 def without_channels(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
-    """Mark channels of x, v or u, given by their names, as not recorded."""
-    for q in "xvu":
+    """Mark channels of x, v, u or a, given by their names, as not recorded."""
+    for q in "xvua":
         off = [name in channels for name in run.model.layout.channels_of(q)]
         run = run.without(q, np.array(off))
     return run

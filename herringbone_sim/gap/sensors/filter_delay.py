@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
-from herringbone_sim.gap.data.waves import waves
 
 LONGEST_S = 5e-6  # longest common delay in addition to that of the filter, data sheet
 CORNER = 10.0  # lowest corner frequency of a common filter in omega_n, data sheet
-HALF = 0.5  # largest fraction of the squared error of e(t) that may remain with the delay
+MOST_UNEXPLAINED = 0.5  # fraction of the squared error of e(t) that may remain with the delay
 
 
 def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
@@ -44,7 +43,7 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
         float(np.sum(np.abs(s - np.exp(-1j * run.omega_rad_per_s * delay)) ** 2))
         for run, s in ratios
     )
-    if after >= HALF * before:
+    if after >= MOST_UNEXPLAINED * before:
         return tuple(runs)
     squares = omegas**2
     fall = float(squares @ (1.0 - np.abs(middle)) / (squares @ squares))
@@ -73,6 +72,5 @@ def longest_delay(run: PreparedRun) -> float:
 
 def with_delayed_waves(run: PreparedRun, delay: float, e_share: float = 1.0) -> PreparedRun:
     """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; for ``e_share`` see ``waves``."""
-    late = run.omega_rad_per_s * delay
-    moved = waves(run.model, run.phase - late, run.omega_rad_per_s, e_share)
-    return replace(run, waves=moved, delay_rad=late, e_share=e_share)
+    late = replace(run, delay_rad=run.omega_rad_per_s * delay, e_share=e_share)
+    return replace(late, waves=late.waves_at(run.phase))

@@ -19,7 +19,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.attribution.hypothesis import fused_run
+from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused, fuse

@@ -11,7 +11,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError, listed
 
 MOST, LEAST = 2048, 64  # samples of a stretch
-POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative
+POINT_DRIFT = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative
 SPEED_TOLERANCE = 0.05  # relative drift of the mesh frequency in a stretch
 
 
@@ -102,7 +102,7 @@ class SampleBuffer:
 def _last_change(names: tuple[str, ...], rows: Array) -> int:
     """Return the index from which on all rows (n, c) have the last row's operating point."""
     other = np.zeros(len(rows), dtype=bool)
-    for name, tolerance in POINT_TOLERANCE.items():
+    for name, tolerance in POINT_DRIFT.items():
         if name in names:
             values = rows[:, names.index(name)]
             limit = tolerance * abs(values[-1]) if name == "T_1" else tolerance

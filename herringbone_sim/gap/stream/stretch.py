@@ -12,7 +12,7 @@ from herringbone_sim.arrays import Array
 
 CONTACTS = ("back", "apart", "drive")
 NOISE_LIMIT = 1.15  # reduced chi2 up to which a mesh or coordinate counts as noise
-POINT_TOLERANCE = {"delta_T": 1.0, "K": 0.01}  # within one operating point: [K], -
+SAME_POINT = {"delta_T": 1.0, "K": 0.01}  # within one operating point: [K], -
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def joinable(new: Residual | MotionStatistics, old: Residual | MotionStatistics)
 
 def same_operating_point(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
     """Whether operating points agree to 1 K in delta_T, 0.01 in K and 1 % in T_1 and Omega."""
-    near = all(abs(a[q] - b[q]) <= tolerance for q, tolerance in POINT_TOLERANCE.items())
+    near = all(abs(a[q] - b[q]) <= tolerance for q, tolerance in SAME_POINT.items())
     return near and all(abs(a[q] - b[q]) <= 0.01 * abs(a[q]) for q in ("T_1", "Omega"))
 
 

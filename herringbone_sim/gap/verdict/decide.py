@@ -98,7 +98,7 @@ def decide(
                 best.setdefault(name, (explanations[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
     first = _first_whole(chances, top)
-    chosen = explanations.get(first)
+    chosen = None if first is None else explanations.get(first)
     if top == "unknown":
         chosen = next((explanations[i] for i in sorted(explanations)), None)
     named = () if chosen is None else tuple(a.effect.id for a in chosen.actives)
@@ -126,10 +126,11 @@ def decide(
     )
 
 
-def _first_whole(chances: Sequence[Chance], top: str) -> int:
+def _first_whole(chances: Sequence[Chance], top: str) -> int | None:
     """Index of the likeliest explanation with ``top``: an effect, ``none`` or ``unknown``.
 
-    If it has something unknown beside the effect, the explanation by the same fit alone instead.
+    If it has something unknown beside the effect, the explanation by the same fit alone instead;
+    None if all with ``top`` have something unknown beside it.
     """
     having = [i for i, c in enumerate(chances) if top in (c.effects or ("none",))]
     whole = [i for i in having if chances[i].whole]
@@ -142,7 +143,7 @@ def _first_whole(chances: Sequence[Chance], top: str) -> int:
         and chances[i].effects == known
         and chances[i].candidate is likeliest.candidate
     ]
-    return next(iter((*same, *whole)), 0)
+    return next(iter((*same, *whole)), None)
 
 
 def _ambiguous_class(probabilities: Mapping[str, float]) -> tuple[str, ...]:

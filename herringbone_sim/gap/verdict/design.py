@@ -17,8 +17,8 @@ from itertools import permutations
 import numpy as np
 
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.attribution.bodies import balance_measured
-from herringbone_sim.gap.attribution.hypothesis import FusedRun
+from herringbone_sim.gap.attribution.effect_forces import FusedRun
+from herringbone_sim.gap.attribution.effect_torques import balance_measured
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.recalibrate import force_law
@@ -33,7 +33,7 @@ from herringbone_sim.gap.verdict.separation import (
     BALANCE,
     FORCES,
     MOTION,
-    FittedExplanation,
+    ExplanationAtFit,
     Separation,
     linear_predictions,
     separation,
@@ -101,7 +101,7 @@ def design(
         gear = parameters_of(campaign.nominal, model)
     except ParameterError:
         return None
-    fitted = [FittedExplanation(e.actives, model.factors, model.inverse) for e in explanations]
+    fitted = [ExplanationAtFit(e.actives, model.factors, model.inverse) for e in explanations]
     cases = [c for c in calibrated.cases if quantity != BALANCE or balance_measured((c,))]
     points = candidate_points([run.point for run in campaign.of_role("fit")])
     runs = (predict_run(cases, campaign.nominal, gear, model.factors, point) for point in points)
@@ -136,7 +136,7 @@ def _predictable_quantity(
 
 
 def _separations(
-    one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
+    one: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
 ) -> list[Separation]:
     """Separation by one run, for each ordered pair of explanations (target, fitted)."""
     predictions = linear_predictions(one, explanations, quantity)
@@ -152,7 +152,7 @@ def _sum(runs: Sequence[list[Separation]]) -> list[Separation]:
 
 
 def _designed(
-    explanations: Sequence[FittedExplanation],
+    explanations: Sequence[ExplanationAtFit],
     so_far: Sequence[Separation],
     run: PredictedRun,
     at_point: Sequence[Separation],

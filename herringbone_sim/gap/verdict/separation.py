@@ -16,8 +16,7 @@ from scipy.optimize import lsq_linear
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.gap.attribution.bodies import masses
-from herringbone_sim.gap.attribution.hypothesis import (
+from herringbone_sim.gap.attribution.effect_forces import (
     FusedRun,
     calibration_columns,
     effect_contributions,
@@ -25,6 +24,7 @@ from herringbone_sim.gap.attribution.hypothesis import (
     step_of,
     with_law_forces,
 )
+from herringbone_sim.gap.attribution.effect_torques import masses
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates
 from herringbone_sim.gap.residuals.balance import WIDTH as BALANCE_WIDTH
 from herringbone_sim.gap.residuals.balance import Balance, inertia_parts, torque_balance, window_of
@@ -38,7 +38,7 @@ FORCES, BALANCE, MOTION = "forces", "balance", "motion"  # quantities, see ``lin
 
 
 @dataclass(frozen=True)
-class FittedExplanation:
+class ExplanationAtFit:
     """An explanation at its best fit.
 
     Attributes:
@@ -144,7 +144,7 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 
 
 def linear_predictions(
-    one: FusedRun, explanations: Sequence[FittedExplanation], quantity: str
+    one: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
 ) -> list[LinearPrediction]:
     """Predictions of explanations in a run, one for each.
 
@@ -162,7 +162,7 @@ def linear_predictions(
 
 
 def _linear_prediction(
-    predictor: _Forces | _Bodies, one: FusedRun, explanation: FittedExplanation
+    predictor: _Forces | _Bodies, one: FusedRun, explanation: ExplanationAtFit
 ) -> LinearPrediction:
     """Prediction of one explanation, with derivatives by finite differences for its effects.
 
@@ -205,17 +205,17 @@ class _Forces:
     case: FusedRun
 
     def values(
-        self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
+        self, explanation: ExplanationAtFit, law: ForceLaw, actives: Sequence[Active]
     ) -> Array:
         """Forces (k,) of the usable meshes with effects."""
         return self._white(expected_forces(self.case, explanation.factors, actives, law))
 
-    def tolerances(self, explanation: FittedExplanation, law: ForceLaw) -> list[Array]:
+    def tolerances(self, explanation: ExplanationAtFit, law: ForceLaw) -> list[Array]:
         """Derivatives (k,) with respect to the six factors on k, c and e."""
         columns = calibration_columns(self.case, law, explanation.factors)
         return [self._white(part) for column in columns for part in _of_kinds(column)]
 
-    def bounds(self, explanation: FittedExplanation) -> tuple[Array, Array]:
+    def bounds(self, explanation: ExplanationAtFit) -> tuple[Array, Array]:
         """Bounds (6,) of the changes of the six factors."""
         return 1.0 - BOUNDS - explanation.factors, 1.0 + BOUNDS - explanation.factors
 
@@ -246,7 +246,7 @@ class _Bodies:
     motion: bool
 
     def values(
-        self, explanation: FittedExplanation, law: ForceLaw, actives: Sequence[Active]
+        self, explanation: ExplanationAtFit, law: ForceLaw, actives: Sequence[Active]
     ) -> Array:
         """Accelerations (k,) by effects, and by the forces of the law where none are measured."""
         force, torque = effect_contributions(self.case, explanation.factors, law, actives)
@@ -255,7 +255,7 @@ class _Bodies:
             acceleration = acceleration + (law.modelled_n + force) @ self.of_force.T
         return self._white(self._average(acceleration))
 
-    def tolerances(self, explanation: FittedExplanation, law: ForceLaw) -> list[Array]:
+    def tolerances(self, explanation: ExplanationAtFit, law: ForceLaw) -> list[Array]:
         """Derivatives (k,) with respect to the factors on inertias and, by ``motion``, the law."""
         columns = [self._white(part) for part in self.balance.parts]
         if self.motion:
@@ -264,7 +264,7 @@ class _Bodies:
                 columns += [self._white(self._average(part)) for part in parts]
         return columns
 
-    def bounds(self, explanation: FittedExplanation) -> tuple[Array, Array]:
+    def bounds(self, explanation: ExplanationAtFit) -> tuple[Array, Array]:
         """Bounds of the changes of the factors of ``tolerances``."""
         of_law = 1.0 - explanation.factors if self.motion else np.zeros(0)
         middle = np.concatenate([1.0 - explanation.inverse, of_law])
@@ -280,7 +280,7 @@ class _Bodies:
         return white
 
 
-def _bodies(one: FusedRun, explanation: FittedExplanation, motion: bool) -> _Bodies:
+def _bodies(one: FusedRun, explanation: ExplanationAtFit, motion: bool) -> _Bodies:
     """Predictor of accelerations for a run, linearised at the calibration of an explanation."""
     run, model = one.run, one.run.model
     through = bodies_to_coordinates(model) / masses(model)

@@ -14,7 +14,7 @@ import numpy as np
 from herringbone_sim.arrays import Array, Indices, rms
 from herringbone_sim.effects.gear import gear_table, pointers_allowed, scratch
 from herringbone_sim.effects.instant import recorded
-from herringbone_sim.gap.attribution.hypothesis import instants
+from herringbone_sim.gap.attribution.effect_forces import instants
 from herringbone_sim.gap.data.geometry import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused

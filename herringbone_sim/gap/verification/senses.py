@@ -39,6 +39,7 @@ from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_
 from herringbone_sim.gap.verification.verify import Correction, Gap, RunGap
 
 Say = Callable[[str], None]
+SENSES = ("residual", "prediction", "attractor")
 MODELS = ("nominal", "augmented", "runner_up")
 
 
@@ -69,8 +70,7 @@ class Senses:
     @property
     def gaps(self) -> dict[str, Gap]:
         """The three gaps by name of the sense."""
-        names = ("residual", "prediction", "attractor")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in SENSES}
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ import numpy as np
 
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
-from herringbone_sim.gap.verification.senses import Senses
+from herringbone_sim.gap.verification.senses import SENSES, Senses
 from herringbone_sim.gap.verification.verify import Gap
 
-SENSES = ("residual", "prediction", "attractor")
 ROLE = "held_out"
 NUMBERS = ("nominal", "augmented", "noise_floor", "closure")
 

@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import rms
-from herringbone_sim.gap.attribution.bodies import balance_with_effects, effect_accelerations
-from herringbone_sim.gap.attribution.hypothesis import (
+from herringbone_sim.errors import AnalysisError, listed
+from herringbone_sim.gap.attribution.effect_forces import (
     FusedRun,
     effect_contributions,
     expected_forces,
     fused_run,
     with_law_forces,
+)
+from herringbone_sim.gap.attribution.effect_torques import (
+    balance_with_effects,
+    effect_accelerations,
 )
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.balance import inertia_parts, window_of
@@ -35,6 +39,7 @@ UNITS = {
     "prediction": "m",
     "attractor": "sigma",
 }
+RESIDUALS = ("force_law", "torque_balance", "consistency")  # metrics of ``residual_gap``
 
 
 @dataclass(frozen=True)
@@ -164,10 +169,14 @@ def residual_gap(
     Args:
         runs: as recorded.
         correct: removes the sensor effects of the verdict from a run.
-        metric: ``force_law``, ``torque_balance`` or ``consistency``. If ``model.motion``, both
-            the first and the second give the torque balance with forces of the law.
+        metric: one of ``RESIDUALS``. If ``model.motion``, both ``force_law`` and
+            ``torque_balance`` give the torque balance with forces of the law.
         model: augmented model.
+
+    Raises:
+        AnalysisError: the metric is no residual.
     """
+    check_residual(metric)
     if metric == "consistency":
         return Gap(metric, tuple(_consistency_gap(run, correct) for run in runs))
     model = replace(
@@ -175,9 +184,18 @@ def residual_gap(
     )
     cases = [(run, fused_run(m, fuse(m))) for run in runs for m in (correct(run),)]
     if model.motion:
-        return Gap(metric, tuple(_motion_gap(run, c, model) for run, c in cases))
+        return Gap("torque_balance", tuple(_motion_gap(run, c, model) for run, c in cases))
     run_gap = _balance_gap if metric == "torque_balance" else _force_law_gap
     return Gap(metric, tuple(run_gap(run, c, model) for run, c in cases))
+
+
+def check_residual(metric: str) -> None:
+    """Raise ``AnalysisError`` unless ``residual_gap`` can measure a gap in this metric."""
+    if metric not in RESIDUALS:
+        raise AnalysisError(
+            f"a gap in {metric!r} can't be measured without fitting states to the runs, only one "
+            f"in {listed(RESIDUALS)}: diagnose the further runs by themselves"
+        )
 
 
 def _force_law_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:

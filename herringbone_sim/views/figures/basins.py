@@ -59,11 +59,10 @@ def draw_slice(axes: Axes, axis: Array, basins: Basins) -> None:
     """Draw the slice of start states, coloured by attractor; white where the run failed."""
     half = 0.5 * (axis[1] - axis[0]) if len(axis) > 1 else 0.5
     extent = (axis[0] - half, axis[-1] + half) * 2
-    labels = np.ma.masked_less(basins.labels, 0)
     count = len(basins.attractors)
     colours = ListedColormap([COLOURS[min(i, len(COLOURS) - 1)] for i in range(count)])
     axes.imshow(
-        np.ma.masked_invalid(labels),
+        np.ma.masked_less(basins.labels, 0),
         cmap=colours,
         vmin=-0.5,
         vmax=count - 0.5,

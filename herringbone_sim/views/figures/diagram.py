@@ -12,8 +12,16 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.arrays import Flags
 from herringbone_sim.sweeps.diagram import Branch, Diagram
-from herringbone_sim.views.figures.maps import save_map
-from herringbone_sim.views.figures.style import BLUE, GREY, INK, ORANGE, STYLE, parameter_label
+from herringbone_sim.views.figures.maps import DPI
+from herringbone_sim.views.figures.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    STYLE,
+    parameter_label,
+    save,
+)
 from herringbone_sim.views.figures.text import mesh_symbol
 
 LOOKS = {
@@ -32,7 +40,7 @@ PANELS = {
 
 def write_diagram(folder: Path, diagram: Diagram) -> list[Path]:
     """Write ``bifurcation.png`` and ``.svg`` into an existing folder; returns both paths."""
-    return save_map(diagram_figure(diagram), folder, "bifurcation")
+    return [*save(diagram_figure(diagram), folder, "bifurcation", DPI)]
 
 
 def diagram_figure(diagram: Diagram) -> Figure:
@@ -42,7 +50,7 @@ def diagram_figure(diagram: Diagram) -> Figure:
     """
     groups = [(title, _chosen(diagram, starts)) for title, starts in PANELS.items()]
     groups = [(title, branches) for title, branches in groups if branches]
-    known = [one for one in diagram.branches if np.isfinite(one.exponent).any()]
+    known = [branch for branch in diagram.branches if np.isfinite(branch.exponent).any()]
     ratios = [3.0] * len(groups) + [2.0] * bool(known)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 0.6 + 0.95 * sum(ratios)))

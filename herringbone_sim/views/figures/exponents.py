@@ -80,14 +80,14 @@ def draw_distances(axes: Axes, comparison: ExponentComparison) -> None:
 
 def draw_finite_time(axes: Axes, within: Growth, transverse: Growth) -> None:
     """Draw histograms of finite-time exponents of symmetric and of antisymmetric perturbations."""
-    values = [one.finite_time(STRETCH)[:, 0] for one in (within, transverse)]
+    values = [part.finite_time(STRETCH)[:, 0] for part in (within, transverse)]
     edges = _edges(np.concatenate(values))
     names = ("left and right alike", "left and right part")
-    for one, growth, colour, name in zip(
+    for exponents, growth, colour, name in zip(
         values, (within, transverse), (BLUE, ORANGE), names, strict=True
     ):
         label = f"{name}: {growth.exponents[0]:+.4f}"
-        axes.hist(one, list(edges), color=colour, alpha=0.45, label=label)
+        axes.hist(exponents, list(edges), color=colour, alpha=0.45, label=label)
         axes.axvline(growth.exponents[0], ymax=0.72, color=colour)
     axes.axvline(0.0, ymax=0.72, color=INK, linewidth=0.8, linestyle=":")
     axes.set(title=f"left against right, {STRETCH} periods each", xlabel=UNIT, ylabel="stretches")

@@ -17,7 +17,7 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_forces import forces_caption, forces_figure
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
-from herringbone_sim.views.pages.gear_drawing import MESHES, PLANETS
+from herringbone_sim.views.gear_geometry import MESHES, PLANETS
 from herringbone_sim.views.picture import Picture
 
 STATES = (("driving flank", BLUE), ("apart", "#dde1e6"), ("back flank", ORANGE))
@@ -90,8 +90,8 @@ def residual_figure(phase: Array, residual_n: Array) -> Figure:
             axes = panels[row, column]
             axes.axhline(0.0, color=GREY, linewidth=0.6)
             for side, colour in zip(SIDES, (BLUE, ORANGE), strict=True):
-                one = residual_n[:, MESHES.index(f"{kind}{planet}_{side}")]
-                axes.plot(phase / (2 * np.pi), one, color=colour, label=side)
+                residual = residual_n[:, MESHES.index(f"{kind}{planet}_{side}")]
+                axes.plot(phase / (2 * np.pi), residual, color=colour, label=side)
             axes.set_title(f"{kind}{planet}")
     panels[0, 0].legend(ncols=2)
     figure.supxlabel("mesh phase [cycles]", fontsize=9)

@@ -11,8 +11,8 @@ from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 from herringbone_sim.views.figures.gap import GapArrays
-from herringbone_sim.views.pages.gap.words import figure
-from herringbone_sim.views.pages.gear_drawing import MESHES
+from herringbone_sim.views.gear_geometry import MESHES
+from herringbone_sim.views.numbers import figure
 
 BINS = 24
 FACTORS = {"T_1": "input torque [N m]", "delta_T": "temperature rise [K]", "Omega": "speed Ω"}

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE
-from herringbone_sim.views.pages.gear_drawing import PLANETS
+from herringbone_sim.views.gear_geometry import PLANETS
 
 SHOWN_CYCLES = 4.0  # mesh cycles drawn, the last of the fitted windows
 

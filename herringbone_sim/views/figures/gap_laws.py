@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.sweeps.output import make_folder
-from herringbone_sim.views.figures.style import BLUE, STYLE, save
+from herringbone_sim.views.figures.style import BLUE, GREY, STYLE, save
 from herringbone_sim.views.figures.text import plain_text
 from herringbone_sim.views.picture import Picture
 
@@ -42,7 +42,7 @@ def law_figure(law: LearnedLaw) -> Figure:
     axes.plot(law.x, law.y, color=BLUE)
     if law.x.min() > 0.0 and law.x.max() > LOG_RATIO * law.x.min():
         axes.set_xscale("log")
-    axes.axhline(0.0, color="#9aa3ad", linewidth=0.8)
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_xlabel(plain_text(f"{law.x_name} [{law.x_unit}]"))
     axes.set_ylabel(plain_text(f"{law.y_name} [{law.y_unit}]"))
     return figure

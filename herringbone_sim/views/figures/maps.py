@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.store import Result
 from herringbone_sim.views.figures.style import (
@@ -50,7 +51,6 @@ PERIOD_COLOURS = {
     15: "#7a5546",
 }
 HATCH = "//////"
-LEAST_EXPONENT = 2e-3  # per tau; a smaller one counts as 0
 LISTED = 1e-3  # least fraction of the cells at which a period is in the legend
 STRETCH = 99.0  # percentile of the exponents at which the colours saturate
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.survival import FATES, Survival
+from herringbone_sim.views.figures.exponents import SIGMAS
 from herringbone_sim.views.figures.style import (
     BLUE,
     GREEN,
@@ -69,7 +70,7 @@ def draw_stability(axes: Axes, values: Array, results: Sequence[Survival]) -> No
     )
     for data, colour, label in rows:
         look: Any = {"fmt": ".-", "ms": 4, "color": colour, "elinewidth": 0.8}
-        axes.errorbar(values, data[:, 0], 2.0 * data[:, 1], label=label, **look)
+        axes.errorbar(values, data[:, 0], SIGMAS * data[:, 1], label=label, **look)
     axes.set(title="of the motion from rest", ylabel=r"largest exponent per $\tau$")
     axes.legend(fontsize=8, loc="best")
 

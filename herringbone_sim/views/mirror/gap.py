@@ -12,6 +12,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views
+from herringbone_sim.views.gear_geometry import MESHES
 from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.gap_blueprint import COURSES, RunLayout, blueprint
 from herringbone_sim.views.mirror.gear import send_gear, send_shares
@@ -19,7 +20,6 @@ from herringbone_sim.views.mirror.palette import mesh_colours
 from herringbone_sim.views.mirror.plane import Axes, limits_for, smooth
 from herringbone_sim.views.mirror.planes import LINE
 from herringbone_sim.views.mirror.sink import Sink
-from herringbone_sim.views.pages.gear_drawing import MESHES
 
 TIMELINE = "run_time"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,18 +9,29 @@ import numpy as np
 import rerun as rr
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.layout import KINDS, SIDES
+from herringbone_sim.core.layout import SIDES
+from herringbone_sim.views.gear_geometry import (
+    MESH_RADIUS,
+    PLANET,
+    PLANETS,
+    RIM,
+    RING,
+    SATURATED,
+    SIDE_NAMES,
+    SUN,
+    angle_of,
+    polar,
+    ramp,
+)
 from herringbone_sim.views.mirror.frame import strips, words
 from herringbone_sim.views.mirror.palette import FRAME, WORDS, Colour
-from herringbone_sim.views.pages.gear_drawing import PLANET, PLANETS, RING, SATURATED, SUN
 
-REACH = RING + 8.0
+REACH = float(RIM)
 APART = 2.0 * REACH + 14.0
 SPOT = 9.0
 WIDTH, HEIGHT = APART + 2.0 * REACH, 2.0 * REACH
 UNKNOWN: Colour = (70, 74, 84)
-NONE, FULL = np.array([58, 50, 44]), np.array([255, 140, 30])
-SIDE_NAMES = {"L": "left half", "R": "right half"}
+NONE, FULL = (58, 50, 44), (255, 140, 30)
 
 
 def send_gear(recording: Any, path: str) -> None:
@@ -48,18 +58,11 @@ def send_shares(recording: Any, path: str, shares: Mapping[str, float | None]) -
         for mesh, share in shares.items()
         for _ in _spots(mesh)
     ]
-    spots = rr.Points2D(at, colors=[_shade(s, top) for s in each], radii=SPOT, draw_order=5.0)
+    colours = [UNKNOWN if s is None else ramp(s / top, NONE, FULL) for s in each]
+    spots = rr.Points2D(at, colors=colours, radii=SPOT, draw_order=5.0)
     recording.log(f"{path}/spots", spots)
     beneath = at + np.array([0.0, SPOT - 1.0], dtype=np.float32)
     recording.log(f"{path}/shares", words(beneath, texts, [WORDS] * len(texts)))
-
-
-def _shade(share: float | None, top: float) -> Colour:
-    if share is None:
-        return UNKNOWN
-    mixed = NONE + min(max(share / top, 0.0), 1.0) * (FULL - NONE)
-    red, green, blue = (round(float(part)) for part in mixed)
-    return red, green, blue
 
 
 def _middle(side: str) -> tuple[float, float]:
@@ -67,10 +70,9 @@ def _middle(side: str) -> tuple[float, float]:
 
 
 def _at(side: str, planet: str, radius: float) -> tuple[float, float]:
-    """Return a point at a radius in the direction of a planet; planet 1 on top, then clockwise."""
-    angle = -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
-    x, y = _middle(side)
-    return x + radius * math.cos(angle), y + radius * math.sin(angle)
+    """Return the point of a half at a radius in the direction of a planet."""
+    (x, y), (right, down) = _middle(side), polar(radius, angle_of(planet))
+    return x + right, y + down
 
 
 def _bodies(side: str) -> list[tuple[tuple[float, float], float]]:
@@ -83,9 +85,8 @@ def _spots(mesh: str) -> Array:
     """Return the positions (k, 2) of a mesh: one, or one per planet if none is named."""
     head, _, side = mesh.partition("_")
     kind, number = head[:2], head[2:]
-    radius = (SUN, RING)[KINDS.index(kind)]
     planets = (number,) if number else PLANETS
-    return np.array([_at(side, planet, radius) for planet in planets], dtype=float)
+    return np.array([_at(side, planet, MESH_RADIUS[kind]) for planet in planets], dtype=float)
 
 
 def _circle(centre: tuple[float, float], radius: float) -> Array:

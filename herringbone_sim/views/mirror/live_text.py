@@ -12,7 +12,7 @@ SCHEMA = "herringbone_sim/gap-live/1"
 BAR = 20
 EIGHTHS = " ▏▎▍▌▋▊▉█"
 UNITS = {"force_law": "N", "torque_balance": "m/s²"}
-METRICS = {"force_law": "force law", "torque_balance": "accelerations"}
+METRIC_NAMES = {"force_law": "force law", "torque_balance": "accelerations"}
 FACTORS = ("kind", "side", "planet", "contact")
 
 
@@ -48,11 +48,11 @@ def line(picture: ComparisonResult) -> str:
 
 def headline(residual: Residual) -> str:
     """Return a line with the RMS residual before and after recalibration, and the noise floor."""
-    unit = UNITS[residual.metric]
+    metric, unit = METRIC_NAMES[residual.metric], UNITS[residual.metric]
     nominal, after, floor = (residual.rms(q) for q in ("nominal", "recalibrated", "floor"))
     word = "a gap" if exceeds_noise(residual) else "within the noise"
     return (
-        f"{METRICS[residual.metric]}: residual {nominal:.4g} {unit} nominal, {after:.4g} {unit} "
+        f"{metric}: residual {nominal:.4g} {unit} nominal, {after:.4g} {unit} "
         f"recalibrated, floor {floor:.4g} {unit} ({residual.total_chi:.2f} floors): {word}"
     )
 
@@ -170,9 +170,9 @@ def _motion_cells(picture: ComparisonResult, mesh: str) -> str:
         return ""
     j = rig.meshes.index(mesh)
     sides = [rig] if other is None else [rig, other]
-    force = " ".join(_number(float(one.force_rms_n[j]), ".0f", 8) for one in sides)
-    drive = " ".join(_number(float(one.contact_shares[j, 2]), ".3f", 6) for one in sides)
-    back = " ".join(_number(float(one.contact_shares[j, 0]), ".3f", 6) for one in sides)
+    force = " ".join(_number(float(motion.force_rms_n[j]), ".0f", 8) for motion in sides)
+    drive = " ".join(_number(float(motion.contact_shares[j, 2]), ".3f", 6) for motion in sides)
+    back = " ".join(_number(float(motion.contact_shares[j, 0]), ".3f", 6) for motion in sides)
     return f"  {force}   {drive}   {back}"
 
 

@@ -101,9 +101,6 @@ class Bifurcation:
         self.bin_width = 0.0
         self._bins: dict[int, dict[bool, deque[tuple[float, float, int]]]] = {}
 
-    def __len__(self) -> int:
-        return sum(len(kept) for ways in self._bins.values() for kept in ways.values())
-
     def add(self, x: Array, y: Array, state: Indices, rising: bool = True) -> set[int]:
         """Store points; return the numbers of the pages that have changed.
 
@@ -120,8 +117,8 @@ class Bifurcation:
             self.bin_width = self._width_for(largest)
             before, self._bins = self._bins, {}
             for ways in before.values():
-                for way, kept in ways.items():
-                    self._put(list(kept), way)
+                for way, stored in ways.items():
+                    self._put(list(stored), way)
             self._put(points, rising)
             return set(range(self.n_pages))
         return self._put(points, rising)
@@ -130,7 +127,7 @@ class Bifurcation:
         """Return the points (k, 3) of a page: parameter, section value, contact state."""
         first = page * self.per_page - self._half
         bins = (self._bins.get(i, {}) for i in range(first, first + self.per_page))
-        points = [p for ways in bins for kept in ways.values() for p in kept]
+        points = [p for ways in bins for stored in ways.values() for p in stored]
         return np.array(points, dtype=np.float64).reshape(-1, 3)
 
     def points(self) -> Array:

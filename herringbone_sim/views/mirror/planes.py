@@ -145,20 +145,20 @@ class Planes:
         self.recording.log(f"bifurcation/points/{page:02d}", dots)
 
     def _follow_steered(self, block: MirrorBlock) -> None:
-        """Start a new bifurcation diagram if a parameter that is not on its axis has changed.
+        """Start a new bifurcation diagram if parameters have changed, but not that on its axis.
 
-        Otherwise note whether the parameter on the axis rises or falls.
+        Note whether the parameter on the axis, in a new diagram the changed one, rises or falls.
         """
         now = {name: self._last_value(block, name) for name in STEERED}
         known = {name: value for name, value in now.items() if value is not None}
         changed = [name for name, value in known.items() if self._before.get(name, value) != value]
-        if changed and self.steered in changed:
-            self._rising = known[self.steered] > self._before[self.steered]
-        self._before = known
         if changed and self.steered not in changed:
             self.steered = changed[0]
             self._bifurcation = Bifurcation()
             self._frames.pop("bifurcation", None)
+        if changed:
+            self._rising = known[self.steered] > self._before[self.steered]
+        self._before = known
 
     def _last_value(self, block: MirrorBlock, name: str) -> float | None:
         if name in block.names:

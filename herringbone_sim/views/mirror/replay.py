@@ -171,7 +171,7 @@ def section_rows(samples: TimeSeries, motion: Motion, names: tuple[str, ...]) ->
 
 def layout_of(names: tuple[str, ...]) -> Layout:
     """Return the smallest layout that has all meshes among the channel names."""
-    numbers = [found.group(1) for name in names if (found := MESH.fullmatch(name))]
+    numbers = [match.group(1) for name in names if (match := MESH.fullmatch(name))]
     largest = max((int(number) for number in numbers if number), default=0)
     return Layout(max(largest, 1), numbered=largest > 0)
 

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
@@ -95,7 +95,7 @@ class Sink:
         finally:
             self.recording.disconnect()
             if self.server:
-                end_server(self.server, timeout_s)
+                end_process(self.server, timeout_s)
             if self.errors:
                 self.errors.close()
 
@@ -107,7 +107,8 @@ def open_sink(target: MirrorTarget) -> Sink:
 
     Raises:
         ParameterError: the address is not of the form ``HOST:PORT``.
-        ViewerError: no viewer answers or starts, or the port is taken.
+        ViewerError: no viewer answers or starts, the port is taken, or a viewer or server is to
+            be started at an address of another machine.
         RecordingError: the file can't be written.
     """
     recording = rr.RecordingStream(APPLICATION)
@@ -117,7 +118,7 @@ def open_sink(target: MirrorTarget) -> Sink:
     if target.mode == "serve":
         return serve_at(recording, host, port, target.memory_limit)
     if target.mode == "spawn" and not answers(host, port):
-        return spawn_viewer(recording, port, target.memory_limit)
+        return spawn_viewer(recording, host, port, target.memory_limit)
     return connect_to(recording, host, port)
 
 
@@ -142,34 +143,49 @@ def serve_at(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
     address = own_address(host, port)
     command = [rerun_binary(), "--serve-grpc", "--bind", address, "--port", str(port)]
     command += ["--server-memory-limit", memory_limit]
-    errors = temporary_file()
-    server = subprocess.Popen(
-        ["sh", "-c", RUN_WHILE_INPUT_OPEN, "sh", *command],
-        stdin=subprocess.PIPE,
+    command = ["sh", "-c", RUN_WHILE_INPUT_OPEN, "sh", *command]
+    return start(recording, "server", command, address, port)
+
+
+def start(recording: Any, name: str, command: list[str], address: str, port: int) -> Sink:
+    """Start a ``server`` or ``viewer`` and send to it once it answers; if it does not, end it.
+
+    It has a session of its own, so that Ctrl-C does not end it.
+    """
+    near, errors, serves = LOOPBACK_OF.get(address, address), temporary_file(), name == "server"
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE if serves else None,
         stdout=subprocess.DEVNULL,
         stderr=errors,
         start_new_session=True,
     )
-    near = LOOPBACK_OF.get(address, address)
-    await_answer(server, "server", errors, near, port)
-    sink = connect_to(recording, near, port)
-    sink.server, sink.errors = server, errors
-    return sink
-
-
-def end_server(server: subprocess.Popen[bytes], timeout_s: float) -> None:
-    """End a server by closing its input; kill it if it does not end in time."""
-    if server.stdin:
-        server.stdin.close()
     try:
-        server.wait(timeout_s)
+        await_answer(process, name, errors, near, port)
+        sink = connect_to(recording, near, port)
+    except BaseException:
+        end_process(process, STALL_S)
+        errors.close()
+        raise
+    processes = (None, process) if serves else (process, None)
+    return replace(sink, viewer=processes[0], server=processes[1], errors=errors)
+
+
+def end_process(process: subprocess.Popen[bytes], timeout_s: float) -> None:
+    """End a server by closing its input, a viewer by a signal; kill it if it takes too long."""
+    if process.stdin:
+        process.stdin.close()
+    else:
+        process.terminate()
+    try:
+        process.wait(timeout_s)
     except subprocess.TimeoutExpired:
-        os.killpg(server.pid, signal.SIGKILL)
-        server.wait()
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 def own_address(host: str, port: int) -> str:
-    """Return the IP address of a host name; ViewerError if no local server can listen there."""
+    """Return the IP address of a host name; ViewerError if nothing here can listen there."""
     try:
         choices = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         family, _, _, _, address = min(choices, key=lambda choice: choice[0] != socket.AF_INET)
@@ -200,21 +216,12 @@ def connect_to(recording: Any, host: str, port: int) -> Sink:
     return Sink(recording, url, endpoint=(host, port))
 
 
-def spawn_viewer(recording: Any, port: int, memory_limit: str) -> Sink:
-    """Start a viewer on the local host, in a new session so that Ctrl-C does not end it."""
-    command = [rerun_binary(), "--bind", HOST, "--port", str(port)]
-    command += ["--memory-limit", memory_limit]
-    errors = temporary_file()
-    viewer = subprocess.Popen(
-        [*command, "--expect-data-soon"],
-        stdout=subprocess.DEVNULL,
-        stderr=errors,
-        start_new_session=True,
-    )
-    await_answer(viewer, "viewer", errors, HOST, port)
-    sink = connect_to(recording, HOST, port)
-    sink.viewer, sink.errors = viewer, errors
-    return sink
+def spawn_viewer(recording: Any, host: str, port: int, memory_limit: str) -> Sink:
+    """Start a viewer at a local address, and send it the recording."""
+    address = own_address(host, port)
+    command = [rerun_binary(), "--bind", address, "--port", str(port)]
+    command += ["--memory-limit", memory_limit, "--expect-data-soon"]
+    return start(recording, "viewer", command, address, port)
 
 
 def await_answer(
@@ -226,7 +233,6 @@ def await_answer(
         if process.poll() is not None:
             raise ViewerError(f"the {name} did not start{last_error_line(errors)}")
         if time.monotonic() > deadline:
-            process.terminate()
             raise ViewerError(f"the {name} did not answer within {START_S:g} s")
         time.sleep(0.1)
 

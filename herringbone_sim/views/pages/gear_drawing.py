@@ -10,16 +10,25 @@ from markupsafe import Markup
 
 from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.effects.effect import Locus
-from herringbone_sim.views.pages.gap.words import NOT_KNOWN, percent
+from herringbone_sim.views.gear_geometry import (
+    MESH_RADIUS,
+    MESHES,
+    PLANET,
+    PLANETS,
+    RIM,
+    RING,
+    SATURATED,
+    SIDE_NAMES,
+    SUN,
+    angle_of,
+    polar,
+    ramp,
+)
+from herringbone_sim.views.numbers import NOT_KNOWN, percent
 
-SUN, PLANET, RING = 27, 25, 77
-PLANETS = ("1", "2", "3")
-MESHES = tuple(f"{k}{p}_{s}" for k in KINDS for s in SIDES for p in PLANETS)
 SCALE, MARGIN, SPOT = 2.35, 34.0, 19.0
-HALF = 2 * (RING + 8) * SCALE + 2 * MARGIN
-SATURATED = 0.25
+HALF = 2 * RIM * SCALE + 2 * MARGIN
 PALE, DEEP = (255, 246, 232), (196, 68, 0)
-SIDE_NAMES = {"L": "Left half", "R": "Right half"}
 
 
 def mesh_shares(
@@ -33,10 +42,12 @@ def mesh_shares(
     Args:
         where: locus and fraction of the residual.
     """
-    loci = sorted(((covered(locus), share) for locus, share in where), key=lambda one: len(one[0]))
+    loci = sorted(
+        ((covered(locus), share) for locus, share in where), key=lambda region: len(region[0])
+    )
     shares: dict[str, tuple[float | None, bool]] = {}
     for mesh in MESHES:
-        names, share = next((one for one in loci if mesh in one[0]), ((mesh,), None))
+        names, share = next((region for region in loci if mesh in region[0]), ((mesh,), None))
         shares[mesh] = (None if share is None else share / len(names), len(names) == 1)
     return shares
 
@@ -81,32 +92,23 @@ def _half(
     bodies: Collection[str],
 ) -> str:
     x, y = HALF / 2 + HALF * SIDES.index(side), HALF / 2 + 22
-    centres = {planet: _polar(SUN + PLANET, _angle(planet)) for planet in PLANETS}
+    centres = {p: polar((SUN + PLANET) * SCALE, angle_of(p)) for p in PLANETS}
     parts = [
-        f'<text class="half" x="0" y="{-HALF / 2:.0f}">{SIDE_NAMES[side]}</text>',
+        f'<text class="half" x="0" y="{-HALF / 2:.0f}">{SIDE_NAMES[side].capitalize()}</text>',
         _ring(f"ring_{side}" in bodies),
         _carrier(centres, f"carrier_{side}" in bodies),
         _gear((0.0, 0.0), SUN, 0.0, f"sun_{side}" in bodies),
-        *(_gear(centres[p], PLANET, _angle(p), f"planet{p}_{side}" in bodies) for p in PLANETS),
+        *(_gear(centres[p], PLANET, angle_of(p), f"planet{p}_{side}" in bodies) for p in PLANETS),
         '<text x="0" y="5">sun</text>',
         f'<text x="0" y="{(RING + 4.5) * SCALE:.1f}">ring</text>',
         *(f'<text x="{cx:.1f}" y="{cy + 5:.1f}">P{p}</text>' for p, (cx, cy) in centres.items()),
     ]
     for planet in PLANETS:
-        for kind, radius in zip(KINDS, (SUN, RING), strict=True):
+        for kind in KINDS:
             mesh = f"{kind}{planet}_{side}"
-            at = _polar(radius, _angle(planet))
+            at = polar(MESH_RADIUS[kind] * SCALE, angle_of(planet))
             parts.append(_spot(mesh, at, shares[mesh], top, mesh in marked))
     return f'<g transform="translate({x:.1f} {y:.1f})">{"".join(parts)}</g>'
-
-
-def _angle(planet: str) -> float:
-    """Return the angle [rad] of a planet, y downwards: planet 1 on top, the others clockwise."""
-    return -math.pi / 2 + (int(planet) - 1) * 2 * math.pi / len(PLANETS)
-
-
-def _polar(radius: float, angle: float) -> tuple[float, float]:
-    return radius * SCALE * math.cos(angle), radius * SCALE * math.sin(angle)
 
 
 def _gear(at: tuple[float, float], teeth: int, turn: float, heavy: bool) -> str:
@@ -116,7 +118,7 @@ def _gear(at: tuple[float, float], teeth: int, turn: float, heavy: bool) -> str:
 
 
 def _ring(heavy: bool) -> str:
-    outer = (RING + 8) * SCALE
+    outer = RIM * SCALE
     rim = f"M {outer:.1f} 0 A {outer:.1f} {outer:.1f} 0 1 0 {-outer:.1f} 0 "
     rim += f"A {outer:.1f} {outer:.1f} 0 1 0 {outer:.1f} 0 Z "
     inner = _teeth(RING, RING - 0.9, RING + 1.3, 0.0)
@@ -136,7 +138,7 @@ def _teeth(teeth: int, low: float, high: float, turn: float) -> str:
     """SVG path of a gear with trapezoid teeth; radii in units of tooth numbers, angle in rad."""
     steps = ((low, 0.0), (low, 0.3), (high, 0.45), (high, 0.85))
     points = [
-        _polar(radius, turn + 2 * math.pi * (tooth + part) / teeth)
+        polar(radius * SCALE, turn + 2 * math.pi * (tooth + part) / teeth)
         for tooth in range(teeth)
         for radius, part in steps
     ]
@@ -168,9 +170,7 @@ def colour(share: float | None, top: float) -> str:
     """Return the colour of a fraction: pale to deep orange from 0 to ``top``; grey for None."""
     if share is None:
         return "#eceff2"
-    weight = min(max(share / top, 0.0), 1.0)
-    mixed = (round(a + weight * (b - a)) for a, b in zip(PALE, DEEP, strict=True))
-    return "#" + "".join(f"{channel:02x}" for channel in mixed)
+    return "#" + "".join(f"{channel:02x}" for channel in ramp(share / top, PALE, DEEP))
 
 
 def _scale(top: float, marked: bool) -> str:

@@ -113,13 +113,16 @@ def run_figure(series: TimeSeries) -> Figure:
 
 
 def ranges_by_quantity(run: ImportedRun) -> Mapping[str, tuple[str, float, float]]:
-    """Return unit, smallest and largest value of each quantity of a run, over its channels."""
+    """Return unit, smallest and largest value of each quantity of a run, over its channels.
+
+    NaN for a quantity without any finite value.
+    """
     channels = {channel.channel: channel for channel in run.taken}
     return {
         title: (
             channels[names[0]].unit,
-            min(channels[name].low for name in names),
-            max(channels[name].high for name in names),
+            float(np.fmin.reduce([channels[name].low for name in names])),
+            float(np.fmax.reduce([channels[name].high for name in names])),
         )
         for title, names in channels_by_quantity(tuple(channels)).items()
     }

@@ -189,18 +189,18 @@ def plan_figure(plan: Plan, also: Mapping[str, Plan]) -> Figure:
         panel = figure.subplots()
         panel.axvline(1.0, color=GREY, lw=0.8)
         last = float(SIZES[-1])
-        for k, (name, one) in enumerate(plans):
+        for k, (name, sensor_plan) in enumerate(plans):
             colour = colours[k % len(colours)]
             offset = (k - 0.5 * (len(plans) - 1)) / (1.0 + len(plans))
             panel.plot([], [], "o-", color=colour, label=name, ms=4)
-            for row in effect_summaries(one):
+            for row in effect_summaries(sensor_plan):
                 y = order.index(row.effect) + offset
-                of = np.array([row.best, row.median, row.worst]) / row.moderate
-                low, half, high = np.minimum(of, 1.3 * last)
+                sizes = np.array([row.best, row.median, row.worst]) / row.moderate
+                low, half, high = np.minimum(sizes, 1.3 * last)
                 panel.plot([low, high], [y, y], color=colour, lw=1.2)
-                if of[1] <= last:
+                if sizes[1] <= last:
                     panel.plot(half, y, "o", color=colour, ms=4)
-                if of[2] > last:
+                if sizes[2] > last:
                     panel.plot(1.3 * last, y, ">", color=colour, ms=4)
         panel.set_xscale("log")
         panel.set_yticks(range(len(order)), order, color=INK)

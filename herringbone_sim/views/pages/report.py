@@ -118,14 +118,15 @@ def _segment_cells(result: SegmentResult, names: Sequence[str]) -> list[str]:
 
 
 def _reasons(results: Sequence[SegmentResult]) -> list[str]:
-    reasons = {
-        f"{r.number}: {reason}"
+    """Return why the first segments lack a period or, unless periodic, an exponent from data."""
+    reasons = [
+        f"Segment {r.number}: {reason}"
         for r in results
+        if not r.segment.ramp and not r.period.value
         for reason in (r.period.reason if r.period.value is None else "", r.exponent.reason)
-        if reason and not r.segment.ramp and not r.period.value
-    }
-    ordered = sorted(reasons, key=lambda text: int(text.split(":")[0]))
-    return [f"Segment {text}" for text in ordered[:12]]
+        if reason
+    ]
+    return list(dict.fromkeys(reasons))[:12]
 
 
 def _contact(results: Sequence[SegmentResult]) -> Table | None:

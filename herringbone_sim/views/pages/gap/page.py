@@ -11,12 +11,12 @@ from herringbone_sim.gap.report import Cause, Report
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays, write_gap_figures
 from herringbone_sim.views.figures.gap_laws import write_law_figures
+from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.senses import distances_values, senses_values
 from herringbone_sim.views.pages.gap.tables import noise_table, runs_values
 from herringbone_sim.views.pages.gap.verdict import OUTSIDE, answers, headline, kind, named_effects
 from herringbone_sim.views.pages.gap.where import where_values
-from herringbone_sim.views.pages.gap.words import percent
 from herringbone_sim.views.pages.html import render
 from herringbone_sim.views.picture import Picture
 
@@ -67,15 +67,15 @@ def plan_command(report: Report, nominal: Path, folder: Path) -> str:
     if "trajectory" not in report.observations or not more:
         return ""
     options = ["--sensors", ",".join(recorded), "--also", ",".join(more)]
-    words = ["python", "-m", "herringbone_sim", "gap", "plan", "--nominal", str(nominal), *options]
-    return shlex.join([*words, "--out", str(folder / "plan")])
+    command = ["python", "-m", "herringbone_sim", "gap", "plan", "--nominal", str(nominal)]
+    return shlex.join([*command, *options, "--out", str(folder / "plan")])
 
 
 def compare_command(nominal: Path, folder: Path) -> str:
     """Return the shell command that compares the bifurcations of nominal and augmented gear."""
     files = [nominal, folder / "augmented.yaml"]
-    words = ["python", "-m", "herringbone_sim", "compare", *map(str, files)]
-    return shlex.join([*words, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
+    command = ["python", "-m", "herringbone_sim", "compare", *map(str, files)]
+    return shlex.join([*command, "--over", "delta_T=0:100:400", "--out", str(folder / "compared")])
 
 
 def gap_page(
@@ -109,7 +109,7 @@ def gap_page(
         senses=senses_values(report.senses, report.runner_up_effects),
         undecidable=[text for text in report.undecidable if text not in said],
         next_point=[
-            (f"{words.figure(experiment.point[key], 4)} {unit}".strip(), title)
+            (f"{figure(experiment.point[key], 4)} {unit}".strip(), title)
             for key, title, unit in POINT
         ],
         next_why=words.capital(experiment.why),

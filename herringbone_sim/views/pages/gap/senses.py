@@ -13,8 +13,8 @@ from herringbone_sim.gap.repeat import Repetition
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import GapNumbers
 from herringbone_sim.sweeps.output import make_folder
+from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.words import figure, percent
 from herringbone_sim.views.pages.html import Table, render
 
 NAMES = {
@@ -41,7 +41,6 @@ DISTANCES = (
     ("spectrum", "spectrum", "dB"),
     ("section", "section density", "σ"),
 )
-DISPLAY_UNITS = {"m": (1e6, "µm"), "sigma": (1.0, "σ"), "m/s^2": (1.0, "m/s²")}
 MODELS = (
     ("nominal", "before"),
     ("augmented", "after"),
@@ -82,14 +81,16 @@ def numbers_table(senses: Mapping[str, GapNumbers], horizon: str = "") -> Table:
 
 
 def _has_runner_up(senses: Mapping[str, GapNumbers]) -> bool:
-    return any(math.isfinite(one.runner_up) for one in senses.values())
+    return any(math.isfinite(numbers.runner_up) for numbers in senses.values())
 
 
-def _row(name: str, text: str, one: GapNumbers, columns: Sequence[tuple[str, str]]) -> list[str]:
-    factor, unit = DISPLAY_UNITS.get(one.unit, (1.0, one.unit))
+def _row(
+    name: str, text: str, numbers: GapNumbers, columns: Sequence[tuple[str, str]]
+) -> list[str]:
+    factor, unit = words.DISPLAY_UNITS.get(numbers.unit, (1.0, numbers.unit))
     cells = [unit]
     for key, _ in columns:
-        value = getattr(one, key)
+        value = getattr(numbers, key)
         shown = percent(value) if "closure" in key else figure(factor * value)
         cells.append(shown if math.isfinite(value) else "–")
     return [Markup("{}<br><small>{}</small>").format(name, text), *cells]

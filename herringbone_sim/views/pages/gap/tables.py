@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from herringbone_sim.gap.observations.recorded_noise import ChannelNoise
 from herringbone_sim.gap.verification.verify import Gap, RunGap
-from herringbone_sim.views.pages.gap.words import (
-    METRICS,
-    ROLES,
-    closure_words,
-    figure,
-    percent,
-)
+from herringbone_sim.views.numbers import figure, percent
+from herringbone_sim.views.pages.gap.words import METRICS, ROLES, closure_words
 from herringbone_sim.views.pages.html import Table
 
 
@@ -28,25 +24,19 @@ def runs_values(gap: Gap, verdict: str) -> dict[str, object]:
     return {
         "lead": f"Measured by the {METRICS[gap.metric]}; {closure_words(gap.closure, verdict)}.",
         "titles": [*(f"{name} [{gap.unit}]" for name in names), "closure"],
-        "rows": [_run(run) for run in sorted(gap.runs, key=lambda run: run.role != "held_out")],
+        "rows": [_run(gap, run) for run in sorted(gap.runs, key=lambda r: r.role != "held_out")],
     }
 
 
-def _run(run: RunGap) -> dict[str, object]:
+def _run(gap: Gap, run: RunGap) -> dict[str, object]:
     values = [figure(value) for value in (run.nominal, run.augmented, run.floor)]
     return {
         "name": run.name,
         "role": ROLES.get(run.role, run.role),
         "held_out": run.role == "held_out",
         "bars": _bars(run),
-        "numbers": [*values, percent(closure(run))],
+        "numbers": [*values, percent(replace(gap, runs=(run,)).closed(role=None))],
     }
-
-
-def closure(run: RunGap) -> float:
-    """Return (nominal - augmented) / (nominal - floor) of a run; NaN if nominal <= floor."""
-    above = run.nominal - run.floor
-    return (run.nominal - run.augmented) / above if above > 0.0 else math.nan
 
 
 def _bars(run: RunGap) -> list[tuple[str, str, str]]:
@@ -72,8 +62,8 @@ def noise_table(noise: Mapping[str, ChannelNoise]) -> Table | None:
         return None
     head = ["channel", "RMS", "step", "delay [s]", "unit", "colour", "lines [Hz]"]
     rows = []
-    for name, one in noise.items():
-        lines = ", ".join(figure(f) for f in one.lines_hz) or "-"
-        numbers = [figure(value) for value in (one.rms, one.step, one.delay_s)]
-        rows.append([name, *numbers, one.unit, one.colour, lines])
+    for name, channel in noise.items():
+        lines = ", ".join(figure(f) for f in channel.lines_hz) or "-"
+        numbers = [figure(value) for value in (channel.rms, channel.step, channel.delay_s)]
+        rows.append([name, *numbers, channel.unit, channel.colour, lines])
     return Table(head, rows, numeric=(1, 2, 3))

@@ -6,8 +6,9 @@ import math
 
 from herringbone_sim.gap.report import Cause, Report
 from herringbone_sim.gap.verdict.decide import Verdict
+from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap import words
-from herringbone_sim.views.pages.gap.words import percent, residual_words
+from herringbone_sim.views.pages.gap.words import residual_words
 
 OUTSIDE = ("none", "unknown")
 
@@ -98,7 +99,7 @@ def _name(report: Report) -> tuple[str, str]:
 
 def _size(report: Report) -> tuple[str, str]:
     gap = report.gap.numbers()
-    change = f"{words.figure(gap.nominal)} → {residual_words(gap.augmented, gap.unit)}"
+    change = f"{figure(gap.nominal)} → {residual_words(gap.augmented, gap.unit)}"
     floor = residual_words(gap.noise_floor, gap.unit)
     closes = words.closure_words(gap.closure, kind(report.verdict))
     return change, f"on held-out runs; noise floor {floor}; {closes}"

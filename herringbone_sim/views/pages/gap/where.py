@@ -6,9 +6,10 @@ from markupsafe import Markup
 
 from herringbone_sim.core.layout import SIDES
 from herringbone_sim.gap.report import Cause, Report
+from herringbone_sim.views.gear_geometry import PLANETS
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.gap.verdict import located_causes
-from herringbone_sim.views.pages.gear_drawing import PLANETS, covered, gear_svg, mesh_shares
+from herringbone_sim.views.pages.gear_drawing import covered, gear_svg, mesh_shares
 
 ON_PLANETS = ("bearing_clearance", "pin_position", "planet_phase")
 

@@ -1,4 +1,4 @@
-"""Texts for the parts of a gap report: effects, places, numbers; ``not known`` for NaN."""
+"""Texts for the parts of a gap report: effects, places, parameters; ``not known`` for NaN."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.report import Cause, Estimate
+from herringbone_sim.views.numbers import NOT_KNOWN, figure, percent
 
-NOT_KNOWN = "not known"
 MAX_ITEMS = 12  # that a text lists; the others are counted
 
 PHRASES = {
@@ -67,6 +67,8 @@ DISPLAY_UNITS = {  # factor and name
     "s": (1e6, "µs"),
     "N/m": (1e-6, "N/µm"),
     "1/K": (1e6, "10⁻⁶/K"),
+    "m/s^2": (1.0, "m/s²"),
+    "sigma": (1.0, "σ"),
     "-": (1.0, ""),
 }
 
@@ -82,29 +84,6 @@ def effect_words(name: str) -> str:
 def capital(text: str) -> str:
     """Return a text with its first letter in upper case."""
     return text[:1].upper() + text[1:]
-
-
-def percent(share: float) -> str:
-    """Return a fraction in percent as text; between 0 and 1 never rounded to 0 % or 100 %."""
-    if not math.isfinite(share):
-        return NOT_KNOWN
-    if 0 < share < 0.001:
-        return "< 0.1 %"
-    if 0.999 < share < 1:
-        return "> 99.9 %"
-    size = abs(share)
-    digits = 0 if 0.0995 < size < 0.995 or size in (0.0, 1.0) or size >= 1 else 1
-    return f"{100 * share:.{digits}f} %"
-
-
-def figure(number: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` significant digits as text; ``not known`` if not finite.
-
-    Digits before the decimal point are all shown below 1e6.
-    """
-    if not math.isfinite(number):
-        return NOT_KNOWN
-    return f"{number:.0f}" if 10**digits <= abs(number) < 1e6 else f"{number:.{digits}g}"
 
 
 def locus_words(locus: Locus) -> str:

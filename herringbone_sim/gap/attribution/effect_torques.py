@@ -11,7 +11,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
-from herringbone_sim.gap.attribution.hypothesis import (
+from herringbone_sim.gap.attribution.effect_forces import (
     FusedRun,
     effect_contributions,
     force_function_with_effects,

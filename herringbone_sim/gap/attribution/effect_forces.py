@@ -23,7 +23,12 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_function, force_law
+from herringbone_sim.gap.residuals.recalibrate import (
+    ForceLaw,
+    by_mesh,
+    force_function,
+    force_law,
+)
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ def effect_contributions(
         np.nan_to_num(law.v_m_per_s),
         _driving_forces(one.run.F.values, law.modelled_n),
     )
-    return _contributions(one, factors, motion, one.run.waves.k, actives)
+    return _contributions(one, factors, motion, actives)
 
 
 def force_function_with_effects(
@@ -124,8 +129,8 @@ def force_function_with_effects(
         index = np.arange(len(one.run))
         now = one.now[np.minimum(np.rint(at).astype(int), len(one.run) - 1)].copy()
         now[:, 0] = phase
-        w = waves(one.run.model, phase, one.run.omega_rad_per_s)
-        e = np.repeat(factors[4:6], deflection.shape[1] // 2)
+        w = one.run.waves_at(phase)
+        _, _, e = by_mesh(factors, deflection.shape[1])
         measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
         modelled = plain(phase, deflection, rate)
         motion = Motion(
@@ -135,7 +140,7 @@ def force_function_with_effects(
             rate - e * w.e_rate,
             _driving_forces(measured, modelled),
         )
-        return modelled + _contributions(one, factors, motion, w.k, on_meshes)[0]
+        return modelled + _contributions(one, factors, motion, on_meshes)[0]
 
     return law
 
@@ -147,20 +152,23 @@ def _driving_forces(measured: Array, modelled: Array) -> Array:
 
 
 def _contributions(
-    one: FusedRun, factors: Array, motion: Motion, k: Array, actives: Sequence[Active]
+    one: FusedRun, factors: Array, motion: Motion, actives: Sequence[Active]
 ) -> tuple[Array, Array]:
     """Mesh forces and body torques by the effects at a motion, see ``effect_contributions``.
+
+    The laws with and without effects have the same k(t), that of the simulation at the recorded
+    phase, without the common delay of the channels: its effect on the difference is neglected.
 
     Args:
         one: run with its fused motion.
         factors: (6,) on k, c and e.
         motion: with x and v relative to the calibrated e(t).
-        k: (n, n_mesh) nominal stiffness [N/m].
         actives: the effects.
     """
     gear = calibrated_gear_table(one, factors)
     found = evaluate(one.run.model, actives, motion, gear)
-    stiffness = k * np.repeat(factors[:2], motion.x.shape[1] // 2)
+    k = waves(one.run.model, motion.now[:, 0], one.run.omega_rad_per_s).k
+    stiffness = k * by_mesh(factors, motion.x.shape[1])[0]
     without = stiffness * backlash(motion.x, gear[2]) + gear[1] * motion.v
     return found.force - without, found.torque
 
@@ -168,7 +176,7 @@ def _contributions(
 def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:
     """``effects.gear.gear_table`` of the gear of a run, with factors (6,) on k, c and e."""
     table = gear_table(one.run.model)
-    k, c, e = (np.repeat(factors[i : i + 2], table.shape[1] // 2) for i in (0, 2, 4))
+    k, c, e = by_mesh(factors, table.shape[1])
     table[0] *= k
     table[1] *= c
     table[3] *= e
@@ -188,9 +196,8 @@ def calibration_columns(c: FusedRun, law: ForceLaw, factors: Array) -> list[Arra
 
     They are taken about ``factors`` (6,) on k, c and e, at which ``law`` is the force law.
     """
-    n = law.f_m.shape[1]
-    k = c.run.waves.k * np.repeat(factors[:2], n // 2)
-    damping = c.run.model.damping_n_s_per_m * np.repeat(factors[2:4], n // 2)
+    k_f, c_f, _ = by_mesh(factors, law.f_m.shape[1])
+    k, damping = c.run.waves.k * k_f, c.run.model.damping_n_s_per_m * c_f
     return [
         c.run.waves.k * law.f_m,
         c.run.model.damping_n_s_per_m * law.v_m_per_s,
