@@ -125,15 +125,15 @@ def _short_runs(runs: Sequence[PreparedRun]) -> list[Finding]:
 def _copies(runs: Sequence[PreparedRun]) -> list[Finding]:
     """Return a fatal finding for each run with the same samples as an earlier run."""
     findings = []
-    for one, other in combinations(runs, 2):
-        same = len(one) == len(other) and all(
-            np.array_equal(getattr(one, q).values, getattr(other, q).values, equal_nan=True)
+    for earlier, later in combinations(runs, 2):
+        same = len(earlier) == len(later) and all(
+            np.array_equal(getattr(earlier, q).values, getattr(later, q).values, equal_nan=True)
             for q in QUANTITIES
         )
         if same:
-            text = f"{other.name} holds the same samples as {one.name}: it is left out"
+            text = f"{later.name} holds the same samples as {earlier.name}: it is left out"
             findings.append(
-                Finding("copy", other.name, (), float(other.times[0]), text, fatal=True)
+                Finding("copy", later.name, (), float(later.times[0]), text, fatal=True)
             )
     return findings
 

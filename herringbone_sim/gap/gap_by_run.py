@@ -70,7 +70,7 @@ def gap_of(
     estimated = not noise_known or any(run.detrended for run in runs)
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
-    found = {
+    rms_by_fit = {
         name: _residual_rms(machine, metric, fit, row_noise, bounded)
         for name, fit in after.items()
         if fit is not None
@@ -86,9 +86,9 @@ def gap_of(
             for run, n, a, r, c in zip(
                 runs,
                 before,
-                found["augmented"],
-                found.get("runner_up", nan),
-                found["recalibrated"],
+                rms_by_fit["augmented"],
+                rms_by_fit.get("runner_up", nan),
+                rms_by_fit["recalibrated"],
                 strict=True,
             )
         ),

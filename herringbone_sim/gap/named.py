@@ -49,15 +49,15 @@ def name_effects(hypotheses: tuple[Hypothesis, ...], score: Score) -> tuple[Name
         hypotheses: of the explanation.
         score: of the fit; its last coefficients are those of the hypotheses, in order.
     """
-    own = sum(len(h.coefficients) for h in hypotheses)
-    first = len(score.coefficients) - own
+    n_coefficients = sum(len(h.coefficients) for h in hypotheses)
+    first = len(score.coefficients) - n_coefficients
     spread = score.covariance_with_jackknife()
-    found = []
+    named_effects = []
     for h in hypotheses:
         at = slice(first, first + len(h.coefficients))
         first += len(h.coefficients)
-        found.append(_named_effect(h, score.mean[at], spread[at, at]))
-    return tuple(found)
+        named_effects.append(_named_effect(h, score.mean[at], spread[at, at]))
+    return tuple(named_effects)
 
 
 def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
@@ -68,11 +68,11 @@ def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
     draws = mean + rng.normal(size=(DRAWS, len(mean))) * np.sqrt(svd[1]) @ svd[2]
     theta, options = _theta(h, mean)
     low, high = effect.bounds
-    every = np.clip([_theta(h, one)[0] for one in draws], low, high)
+    thetas = np.clip([_theta(h, draw)[0] for draw in draws], low, high)
     inside = np.clip(theta, low, high)
     spans = []
     for i, p in enumerate(effect.parameters):
-        off = every[:, i] - inside[i]
+        off = thetas[:, i] - inside[i]
         if p.unit == "rad":
             off = np.angle(np.exp(1j * off))
         elif p.name == "position" and isinstance(h.source, Event):
@@ -94,8 +94,11 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
     Other harmonics of waves, additional size at ring meshes or the right side, and, beside a
     backlash offset, an additional shift of the back flank: half as backlash, half as pin position.
     """
-    c = {one.name: float(value) for one, value in zip(h.coefficients, mean, strict=True)}
-    found = [*_harmonics(active, h, c)]
+    c = {
+        coefficient.name: float(value)
+        for coefficient, value in zip(h.coefficients, mean, strict=True)
+    }
+    departures = [*_harmonics(active, h, c)]
     of_ring = replace(active, locus=replace(active.locus, mesh="rp"))
     of_right = replace(active, locus=replace(active.locus, side="R"))
     for name, at in (("ring", of_ring), ("right side", of_right)):
@@ -104,24 +107,28 @@ def _departures(active: Active, h: Hypothesis, mean: Array) -> tuple[Active, ...
             size /= 1.0 + float(mean[0])
         if size:
             theta = np.array([active.effect.neutral[0] + size, *active.effect.neutral[1:]])
-            found.append(at.with_theta(_clipped(active.effect, theta)))
+            departures.append(at.with_theta(_clipped(active.effect, theta)))
     if h.effect == "backlash_offset":
         for name, at in (("back flank", active), ("back flank of the ring", of_ring)):
             (half,) = _clipped(active.effect, [0.5 * c.get(name, 0.0)]).tolist()
-            found.append(at.with_theta([half]))
-            found.append(replace(at, effect=known_effects()["pin_position"], theta=(-half,)))
-    return tuple(one for one in found if np.any(np.array(one.theta) != one.effect.neutral))
+            departures.append(at.with_theta([half]))
+            departures.append(replace(at, effect=known_effects()["pin_position"], theta=(-half,)))
+    return tuple(
+        departure
+        for departure in departures
+        if np.any(np.array(departure.theta) != departure.effect.neutral)
+    )
 
 
 def _harmonics(active: Active, h: Hypothesis, c: Mapping[str, float]) -> Iterator[Active]:
     """Other harmonics of an effect in ``WAVES``, by values of coefficients such as ``2 cos``."""
-    own = dict(active.options).get("order", 1)
-    of: dict[int, Array] = {}
-    for one in h.coefficients[h.n_own :] if h.effect in WAVES else ():
-        order, _, trig = one.name.partition(" ")
-        at = int(order) * (int(str(own)) if h.effect == "torque_ripple" else 1)
-        of.setdefault(at, np.zeros(2))[int(trig == "sin")] = c[one.name]
-    for at, pair in of.items():
+    main_order = dict(active.options).get("order", 1)
+    pairs: dict[int, Array] = {}
+    for coefficient in h.coefficients[h.n_own :] if h.effect in WAVES else ():
+        order, _, trig = coefficient.name.partition(" ")
+        at = int(order) * (int(str(main_order)) if h.effect == "torque_ripple" else 1)
+        pairs.setdefault(at, np.zeros(2))[int(trig == "sin")] = c[coefficient.name]
+    for at, pair in pairs.items():
         options = tuple({**dict(active.options), "order": at}.items())
         if np.any(pair):
             theta = _clipped(active.effect, THETA[h.effect](pair))
@@ -158,7 +165,11 @@ def _theta(h: Hypothesis, c: Array) -> tuple[Array, Options]:
     if h.effect in ("tooth_crack", "tooth_spall"):
         return _event(h, c), options
     if h.effect in ("thermal_backlash", "thermal_stiffness"):
-        bend = sum(v for one, v in zip(h.coefficients, c, strict=True) if one.name == "curvature")
+        bend = sum(
+            v
+            for coefficient, v in zip(h.coefficients, c, strict=True)
+            if coefficient.name == "curvature"
+        )
         return np.array([c[0], bend / c[0] if c[0] else 0.0]), options
     own_options = dict(h.options)
     if isinstance(h.source, Seat):

@@ -63,7 +63,7 @@ class Repetition:
                 "effects": list(self.earlier.effects),
                 "gap": gap | {"senses": senses_to_dict(self.senses, None)},
                 "reported": {
-                    name: {key: one[key] for key in REPEATED} for name, one in reported.items()
+                    name: {key: sense[key] for key in REPEATED} for name, sense in reported.items()
                 },
                 "attractor": attractor_to_dict(self.senses),
                 "undecidable": list(self.undecidable),

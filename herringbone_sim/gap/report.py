@@ -116,7 +116,7 @@ class Report:
     def runner_up_effects(self) -> tuple[str, ...]:
         """Ids of the effects of the runner-up; empty without one."""
         other = self.verdict.runner_up
-        return () if other is None else tuple(one.effect.id for one in other.actives)
+        return () if other is None else tuple(active.effect.id for active in other.actives)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``report.json``; numbers that are not finite become None."""
@@ -135,7 +135,7 @@ class Report:
             "attractor": attractor_to_dict(self.senses),
             "undecidable": list(self.undecidable),
             "next_experiment": {**self.next_experiment.point, "why": self.next_experiment.why},
-            "findings": [_finding(one) for one in self.findings],
+            "findings": [_finding(finding) for finding in self.findings],
             "structure": dict(self.structure),
             "hypotheses": _hypotheses(verdict),
             "law": [law.to_dict() for law in self.laws],
@@ -153,29 +153,29 @@ class Report:
             return Cause(name, Locus(), chance)
         explanation, i = self.verdict.best[name]
         spans = explanation.intervals[i] if i < len(explanation.intervals) else ()
-        one = explanation.actives[i]
-        return Cause(name, one.locus, chance, _estimates(one, spans, self.channels))
+        active = explanation.actives[i]
+        return Cause(name, active.locus, chance, _estimates(active, spans, self.channels))
 
 
 def _estimates(
-    one: Active, spans: Sequence[tuple[float, float]], channels: Sequence[str]
+    active: Active, spans: Sequence[tuple[float, float]], channels: Sequence[str]
 ) -> dict[str, Estimate]:
     """Parameters and options of a fitted effect.
 
     Args:
-        one: the effect.
+        active: the effect.
         spans: 90 % interval of each parameter; empty where unknown.
         channels: names of the recorded channels.
     """
-    spans = spans or ((float("nan"),) * 2,) * len(one.theta)
-    concerned = names_of(channels, one) or one.chosen.get("channels", ())
+    spans = spans or ((float("nan"),) * 2,) * len(active.theta)
+    concerned = names_of(channels, active) or active.chosen.get("channels", ())
     values = {
         p.name: Estimate(value, _unit(p.unit, concerned), span)
-        for p, value, span in zip(one.effect.parameters, one.theta, spans, strict=True)
+        for p, value, span in zip(active.effect.parameters, active.theta, spans, strict=True)
     }
-    for key, choice in one.options:
+    for key, choice in active.options:
         values[key] = Estimate(concerned if key == "channels" else choice)
-    if one.effect.level == "sensor" and not concerned:
+    if active.effect.level == "sensor" and not concerned:
         values["channels"] = Estimate(("t",))  # the clock of all channels
     return values
 
@@ -192,14 +192,14 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
     ]
 
 
-def _finding(one: Finding) -> dict[str, Any]:
+def _finding(finding: Finding) -> dict[str, Any]:
     """A finding as plain data."""
     return {
-        "what": one.what,
-        "run": one.run,
-        "channels": list(one.channels),
-        "time_s": one.time_s,
-        "text": one.text,
+        "what": finding.what,
+        "run": finding.run,
+        "channels": list(finding.channels),
+        "time_s": finding.time_s,
+        "text": finding.text,
     }
 
 

@@ -55,23 +55,23 @@ def run_views(diagnosis: Diagnosis) -> list[RunView]:
     known = {c.run.name: c for c in diagnosis.calibrated.cases}
     views = []
     for run in diagnosis.runs:
-        one = known.get(run.name)
-        if one is None:
-            whole = correct_motion_sensors(run, model.actives)
-            one = fused_run(whole, fuse(whole))
-        views.append(run_view(one, model))
+        case = known.get(run.name)
+        if case is None:
+            corrected = correct_motion_sensors(run, model.actives)
+            case = fused_run(corrected, fuse(corrected))
+        views.append(run_view(case, model))
     return views
 
 
-def run_view(one: FusedRun, model: Augmented) -> RunView:
+def run_view(case: FusedRun, model: Augmented) -> RunView:
     """Compare one run with the nominal and the augmented model."""
-    run = one.run
-    law = force_law(run, one.fused, np.ones(6))
-    after = expected_forces(one, model.factors, model.actives)
+    run = case.run
+    law = force_law(run, case.fused, np.ones(6))
+    after = expected_forces(case, model.factors, model.actives)
     last = _last_cycles(run)
     forces = (run.F.values, law.modelled_n, after)
     residuals = {"nominal": law.residual_n, "augmented": run.F.values - after}
-    planes, notes = _planes(one, model, last)
+    planes, notes = _planes(case, model, last)
     return RunView(
         run=run,
         meshes=run.model.layout.meshes,
@@ -114,27 +114,27 @@ def _turns(run: PreparedRun) -> Array:
 
 
 def _planes(
-    one: FusedRun, model: Augmented, last: int
+    case: FusedRun, model: Augmented, last: int
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     planes, notes = {}, []
-    seen = np.isfinite(one.fused.x).any() and np.isfinite(one.fused.v).any()
+    seen = np.isfinite(case.fused.x).any() and np.isfinite(case.fused.v).any()
     if seen:
-        planes["measured"] = np.stack([one.fused.x[last:], one.fused.v[last:]], axis=2)
+        planes["measured"] = np.stack([case.fused.x[last:], case.fused.v[last:]], axis=2)
     else:
         notes.append("no displacement and rate of a mesh: no measured phase portrait")
     gears = {
-        "nominal": (one.run.model, ()),
-        "augmented": (build(parameters_of(one.run.model.parameters, model)), model.actives),
+        "nominal": (case.run.model, ()),
+        "augmented": (build(parameters_of(case.run.model.parameters, model)), model.actives),
     }
     for name, (gear, actives) in gears.items():
         try:
-            planes[name] = _motion(gear, actives, one)
+            planes[name] = _motion(gear, actives, case)
         except HerringboneError as error:
             notes.append(f"no motion of the {name} model: {error}")
     return planes, tuple(notes)
 
 
-def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
+def _motion(gear: Model, actives: Sequence[Active], case: FusedRun) -> Array:
     """Simulated displacement and rate (j, n, 2) of the last ``CYCLES`` of a run.
 
     The simulation starts from the measured state, so that of coexisting attractors it follows the
@@ -142,14 +142,14 @@ def _motion(gear: Model, actives: Sequence[Active], one: FusedRun) -> Array:
     """
     machine = tuple(a for a in actives if a.effect.level != "sensor")
     start, before = stepper(gear, machine).start(), TRANSIENT
-    at = int(np.argmin(np.abs(_turns(one.run)[: 2 * gear.parameters.samples_per_cycle])))
-    measured = np.concatenate([one.fused.z[at], one.fused.z_rate[at]])
+    at = int(np.argmin(np.abs(_turns(case.run)[: 2 * gear.parameters.samples_per_cycle])))
+    measured = np.concatenate([case.fused.z[at], case.fused.z_rate[at]])
     if np.isfinite(measured).all():
         s = gear.scales
         unit = np.repeat([s.b_c, s.velocity_m_per_s], len(measured) // 2)
         y = np.concatenate([measured / unit, start.y[len(measured) :]])
-        start = replace(start, y=y, cycle=round(float(one.run.phase[at]) / (2.0 * np.pi)))
-        cycles = float(one.run.phase[-1] - one.run.phase[at]) / (2.0 * np.pi)
+        start = replace(start, y=y, cycle=round(float(case.run.phase[at]) / (2.0 * np.pi)))
+        cycles = float(case.run.phase[-1] - case.run.phase[at]) / (2.0 * np.pi)
         before = max(round(cycles) - CYCLES, 1)
     _, settled = simulate(gear, machine, before, start)
     series, _ = simulate(gear, machine, CYCLES, settled)

@@ -31,8 +31,8 @@ def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
     Returned unchanged where the noise is known, or force law or torque balance can be formed.
     """
     runs = campaign.runs
-    told = campaign.noise_known and all(run.means_known for run in runs)
-    if told or not Gear(deciding(runs), stride=STRIDE).uses_windows:
+    all_known = campaign.noise_known and all(run.means_known for run in runs)
+    if all_known or not Gear(deciding(runs), stride=STRIDE).uses_windows:
         return campaign
     return replace(campaign, runs=with_noise_of_windows(runs, campaign.noise_known))
 

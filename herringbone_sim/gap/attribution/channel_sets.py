@@ -30,9 +30,9 @@ def channel_set(cases: Sequence[FusedRun]) -> str:
     return NOTHING
 
 
-def motion_channels(one: FusedRun) -> int:
+def motion_channels(case: FusedRun) -> int:
     """Number of recorded displacements and rotations."""
-    return int(one.run.u.recorded.sum() + one.run.x.recorded.sum())
+    return int(case.run.u.recorded.sum() + case.run.x.recorded.sum())
 
 
 def undecidable_by_channels(cases: Sequence[FusedRun]) -> list[str]:
@@ -96,7 +96,7 @@ def planets_indistinguishable(cases: Sequence[FusedRun]) -> bool:
         has_equal_planets(run.model)
         and not any(m.recorded.any() for m in (run.x, run.v, run.F, run.pin))
         and not any(m.recorded[of_planets].any() for m in (run.u, run.a))
-        for run in (one.run for one in cases)
+        for run in (case.run for case in cases)
     )
 
 

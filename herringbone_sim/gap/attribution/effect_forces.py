@@ -66,7 +66,7 @@ def instants(run: PreparedRun) -> Array:
 
 
 def expected_forces(
-    one: FusedRun,
+    case: FusedRun,
     factors: Array,
     actives: Sequence[Active],
     law: ForceLaw | None = None,
@@ -74,26 +74,26 @@ def expected_forces(
     """Forces (n, n_mesh) [N] that the force sensors would record if the effects were present.
 
     Args:
-        one: run with its fused motion.
+        case: run with its fused motion.
         factors: (6,) on k, c and e, see ``recalibrate``.
         actives: effects; only those in the meshes and on force sensors change the forces.
         law: force law with these factors; None: computed here.
     """
-    law = law or force_law(one.run, one.fused, factors)
+    law = law or force_law(case.run, case.fused, factors)
     force = law.modelled_n
     if any(a.effect.level == "mesh" for a in actives):
-        force = force + effect_contributions(one, factors, law, actives)[0]
-    names = one.run.model.layout.channels_of("F")
+        force = force + effect_contributions(case, factors, law, actives)[0]
+    names = case.run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         known = np.isfinite(force)
-        shown = distort(TimeSeries(one.run.times, np.where(known, force, 0.0), names), sensors)
+        shown = distort(TimeSeries(case.run.times, np.where(known, force, 0.0), names), sensors)
         force = np.where(known, shown.columns(names), np.nan)
     return force
 
 
 def effect_contributions(
-    one: FusedRun,
+    case: FusedRun,
     factors: Array,
     law: ForceLaw,
     actives: Sequence[Active],
@@ -103,44 +103,44 @@ def effect_contributions(
     Torques are divided by the base radius of the body. For the arguments see ``expected_forces``.
     """
     motion = Motion(
-        one.run.times,
-        one.now,
+        case.run.times,
+        case.now,
         np.nan_to_num(law.x_m),
         np.nan_to_num(law.v_m_per_s),
-        _driving_forces(one.run.F.values, law.modelled_n),
+        _driving_forces(case.run.F.values, law.modelled_n),
     )
-    return _contributions(one, factors, motion, actives)
+    return _contributions(case, factors, motion, actives)
 
 
 def force_function_with_effects(
-    one: FusedRun, factors: Array, actives: Sequence[Active]
+    case: FusedRun, factors: Array, actives: Sequence[Active]
 ) -> ForceFunction:
     """Return the force law with the mesh effects among ``actives``, as a function of the motion.
 
     The function is as of ``recalibrate.force_function``, at points equidistant over the run.
     """
-    plain = force_function(one.run, factors)
+    plain = force_function(case.run, factors)
     on_meshes = tuple(a for a in actives if a.effect.level == "mesh")
     if not on_meshes:
         return plain
 
     def law(phase: Array, deflection: Array, rate: Array) -> Array:
-        at = np.linspace(0.0, len(one.run) - 1.0, len(phase))
-        index = np.arange(len(one.run))
-        now = one.now[np.minimum(np.rint(at).astype(int), len(one.run) - 1)].copy()
+        at = np.linspace(0.0, len(case.run) - 1.0, len(phase))
+        index = np.arange(len(case.run))
+        now = case.now[np.minimum(np.rint(at).astype(int), len(case.run) - 1)].copy()
         now[:, 0] = phase
-        w = one.run.waves_at(phase)
+        w = case.run.waves_at(phase)
         _, _, e = by_mesh(factors, deflection.shape[1])
-        measured = np.stack([np.interp(at, index, f) for f in one.run.F.values.T], axis=1)
+        measured = np.stack([np.interp(at, index, f) for f in case.run.F.values.T], axis=1)
         modelled = plain(phase, deflection, rate)
         motion = Motion(
-            np.interp(at, index, one.run.times),
+            np.interp(at, index, case.run.times),
             now,
             deflection - e * w.e,
             rate - e * w.e_rate,
             _driving_forces(measured, modelled),
         )
-        return modelled + _contributions(one, factors, motion, on_meshes)[0]
+        return modelled + _contributions(case, factors, motion, on_meshes)[0]
 
     return law
 
@@ -152,7 +152,7 @@ def _driving_forces(measured: Array, modelled: Array) -> Array:
 
 
 def _contributions(
-    one: FusedRun, factors: Array, motion: Motion, actives: Sequence[Active]
+    case: FusedRun, factors: Array, motion: Motion, actives: Sequence[Active]
 ) -> tuple[Array, Array]:
     """Mesh forces and body torques by the effects at a motion, see ``effect_contributions``.
 
@@ -160,22 +160,22 @@ def _contributions(
     phase, without the common delay of the channels: its effect on the difference is neglected.
 
     Args:
-        one: run with its fused motion.
+        case: run with its fused motion.
         factors: (6,) on k, c and e.
         motion: with x and v relative to the calibrated e(t).
         actives: the effects.
     """
-    gear = calibrated_gear_table(one, factors)
-    found = evaluate(one.run.model, actives, motion, gear)
-    k = waves(one.run.model, motion.now[:, 0], one.run.omega_rad_per_s).k
+    gear = calibrated_gear_table(case, factors)
+    with_effects = evaluate(case.run.model, actives, motion, gear)
+    k = waves(case.run.model, motion.now[:, 0], case.run.omega_rad_per_s).k
     stiffness = k * by_mesh(factors, motion.x.shape[1])[0]
     without = stiffness * backlash(motion.x, gear[2]) + gear[1] * motion.v
-    return found.force - without, found.torque
+    return with_effects.force - without, with_effects.torque
 
 
-def calibrated_gear_table(one: FusedRun, factors: Array) -> Array:
+def calibrated_gear_table(case: FusedRun, factors: Array) -> Array:
     """``effects.gear.gear_table`` of the gear of a run, with factors (6,) on k, c and e."""
-    table = gear_table(one.run.model)
+    table = gear_table(case.run.model)
     k, c, e = by_mesh(factors, table.shape[1])
     table[0] *= k
     table[1] *= c

@@ -31,7 +31,7 @@ FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier
 
 
 def balance_with_effects(
-    one: FusedRun,
+    case: FusedRun,
     factors: Array,
     force_n: Array | None = None,
     actives: Sequence[Active] = (),
@@ -41,21 +41,21 @@ def balance_with_effects(
     Torques of moving parts, such as free pins, are uncertain and add to ``sigma``.
 
     Args:
-        one: run with its fused motion.
+        case: run with its fused motion.
         factors: (6,) on k, c and e.
         force_n: (n, n_mesh) mesh forces [N]; None: the measured ones.
         actives: effects; those in the meshes enter the quadrature correction of the forces.
     """
-    run = one.run if force_n is None else replace(one.run, F=replace(one.run.F, values=force_n))
-    law = force_function_with_effects(one, factors, actives)
-    correction = quadrature_correction(run, one.fused, law)
+    run = case.run if force_n is None else replace(case.run, F=replace(case.run.F, values=force_n))
+    law = force_function_with_effects(case, factors, actives)
+    correction = quadrature_correction(run, case.fused, law)
     force = averaged_measured_force(run, window_of(run), correction)
-    balance = torque_balance(run, one.fused, None, force)
-    pins = mesh_effects_on_bodies(one, actives)
+    balance = torque_balance(run, case.fused, None, force)
+    pins = mesh_effects_on_bodies(case, actives)
     for a in actives:
         if a.effect.level != "body" and a not in pins:
             continue
-        known = effect_accelerations(one, factors, force_law(one.run, one.fused, factors), a)
+        known = effect_accelerations(case, factors, force_law(case.run, case.fused, factors), a)
         balance = replace(balance, measured=balance.measured - known)
         if a in pins:
             balance = replace(
@@ -67,9 +67,9 @@ def balance_with_effects(
     return balance
 
 
-def mesh_effects_on_bodies(one: FusedRun, actives: Sequence[Active]) -> tuple[Active, ...]:
+def mesh_effects_on_bodies(case: FusedRun, actives: Sequence[Active]) -> tuple[Active, ...]:
     """Mesh effects with moving parts that exert torques on the bodies, as free pins do."""
-    model = one.run.model
+    model = case.run.model
     return tuple(
         a
         for a in actives
@@ -83,20 +83,20 @@ def balance_measured(cases: Sequence[FusedRun]) -> bool:
 
 
 def effect_accelerations(
-    one: FusedRun, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
+    case: FusedRun, factors: Array, law: ForceLaw, probe: Active, width: float = WIDTH
 ) -> Array:
     """Window averages (k, m) of the accelerations of m coordinates by an effect's torques [m/s^2].
 
     Args:
-        one: run with its fused motion.
+        case: run with its fused motion.
         factors: (6,) on k, c and e.
         law: force law with these factors.
         probe: the effect.
         width: standard deviation of the window [mesh cycles].
     """
-    torque = effect_contributions(one, factors, law, (probe,))[1]
-    through = bodies_to_coordinates(one.run.model) / masses(one.run.model)
-    averaged: Array = window_of(one.run, width).average(torque @ through.T)
+    torque = effect_contributions(case, factors, law, (probe,))[1]
+    through = bodies_to_coordinates(case.run.model) / masses(case.run.model)
+    averaged: Array = window_of(case.run, width).average(torque @ through.T)
     return averaged
 
 

@@ -59,8 +59,8 @@ def quantisation_noise(values: Array) -> Array:
 
 def at_least_quantisation(sigma: Array, values: Array) -> Array:
     """Raise the noise ``sigma`` (k,) of channels (n, k) to their quantisation noise; NaN stays."""
-    found: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, quantisation_noise(values)))
-    return found
+    raised: Array = np.where(np.isnan(sigma), np.nan, np.fmax(sigma, quantisation_noise(values)))
+    return raised
 
 
 def _grid_step(points: Array, values: Array) -> float:

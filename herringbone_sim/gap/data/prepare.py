@@ -107,12 +107,14 @@ def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
 
     That of an angle ``angle_*`` is multiplied by the base radius and assigned to ``u_*``.
     """
-    told = {name: float(one["rms"]) for name, one in sensors.items() if "rms" in one}
+    given_noise = {
+        name: float(sensor["rms"]) for name, sensor in sensors.items() if "rms" in sensor
+    }
     for body in model.layout.bodies:
-        if f"angle_{body}" in told:
-            of_angle = told.pop(f"angle_{body}") * base_radius(model, body)
-            told.setdefault(f"u_{body}", of_angle)
-    return told
+        if f"angle_{body}" in given_noise:
+            of_angle = given_noise.pop(f"angle_{body}") * base_radius(model, body)
+            given_noise.setdefault(f"u_{body}", of_angle)
+    return given_noise
 
 
 def gain_tolerances(layout: Layout, sensors: Sensors) -> tuple[float, ...]:
@@ -142,13 +144,13 @@ def prepare_run(
         AnalysisError: no phase that increases, or fewer than two samples.
         ParameterError: the operating point is out of the range of the parameters.
     """
-    name, whole = run.path.name, recording.samples
-    _check_phase(name, whole)
-    whole, wrap_findings = unwrap_phase(name, whole)
-    part, break_findings = longest_part(name, whole)
+    name, samples = run.path.name, recording.samples
+    _check_phase(name, samples)
+    samples, wrap_findings = unwrap_phase(name, samples)
+    part, break_findings = longest_part(name, samples)
     model = build(nominal.changed(run.point))
     layout = model.layout
-    centred = detrended_rotations(whole, layout.channels_of("u"))  # any part of it has a mean
+    centred = detrended_rotations(samples, layout.channels_of("u"))  # any part of it has a mean
     units = declared_units(recording)
     part, unit_findings = without_angles_not_in_rad(name, part, units)
     part, turned = with_rotations(model, part)
@@ -159,17 +161,17 @@ def prepare_run(
         )
     phase = series["phase"].copy()
     omega = float((phase[-1] - phase[0]) / (series.times[-1] - series.times[0]))
-    told = told_noise(model, sensors or {})
+    given_noise = told_noise(model, sensors or {})
     detrended = tuple(n for n in turned or centred if n in series)
     measured: dict[str, Any] = {
-        q: _measured(series, layout.channels_of(q), noise_share, told, detrended)
+        q: _measured(series, layout.channels_of(q), noise_share, given_noise, detrended)
         for q in QUANTITIES
     }
     return PreparedRun(
         name=name,
         role=run.role,
         point=run.point,
-        times=series.times - whole.times[0],
+        times=series.times - samples.times[0],
         phase=phase,
         **measured,
         model=model,
@@ -247,7 +249,7 @@ def _measured(
     series: TimeSeries,
     names: tuple[str, ...],
     noise_share: float | None,
-    told: Mapping[str, float],
+    given_noise: Mapping[str, float],
     detrended: Sequence[str],
 ) -> Measured:
     """Return the channels ``names`` of a series with their noise; absent ones are NaN.
@@ -258,7 +260,7 @@ def _measured(
         noise_share: RMS of the noise over that of the channel, mean included; quantisation noise
             of the converter is added. None: the noise is estimated from the spectrum, as is that
             of channels without their mean (``detrended``).
-        told: RMS of the noise of single channels, which has priority over both.
+        given_noise: RMS of the noise of single channels, which has priority over both.
     """
     values = np.full((len(series), len(names)), np.nan)
     there = np.array([name in series for name in names])
@@ -272,6 +274,6 @@ def _measured(
         sigma = np.sqrt(noise_share**2 * power + quantisation_noise(values) ** 2)
         lost = np.isin(names, detrended)
         sigma[lost] = spectral_floor(values[:, lost]) if lost.any() else sigma[lost]
-    own = np.array([told.get(name, np.nan) for name in names])
-    sigma = at_least_quantisation(np.where(np.isfinite(own), own, sigma), values)
-    return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(own))
+    given_sigma = np.array([given_noise.get(name, np.nan) for name in names])
+    sigma = at_least_quantisation(np.where(np.isfinite(given_sigma), given_sigma, sigma), values)
+    return Measured(values, there, np.where(there, sigma, np.nan), np.isfinite(given_sigma))

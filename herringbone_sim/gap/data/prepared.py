@@ -24,13 +24,13 @@ class Measured:
         values: (n, k) [SI]; NaN where a channel was not recorded.
         recorded: (k,) whether each channel was recorded.
         sigma: (k,) standard deviation of the noise, same unit; NaN where not recorded.
-        told: (k,) whether campaign.yaml gives the noise of this channel; None: of no channel.
+        sigma_given: (k,) whether campaign.yaml gives the noise of a channel; None: of no channel.
     """
 
     values: Array
     recorded: Flags
     sigma: Array
-    told: Flags | None = None
+    sigma_given: Flags | None = None
 
     @property
     def complete(self) -> bool:
@@ -39,13 +39,15 @@ class Measured:
 
     def without(self, off: Flags) -> Measured:
         """Copy with the channels ``off`` (k,) not recorded."""
-        values, sigma = (np.where(off, np.nan, one) for one in (self.values, self.sigma))
+        values, sigma = (np.where(off, np.nan, array) for array in (self.values, self.sigma))
         return replace(self, values=values, recorded=self.recorded & ~off, sigma=sigma)
 
     def with_noise(self, sigma: Array) -> Measured:
-        """Copy with the noise ``sigma`` (k,), except for channels with ``told`` set."""
-        kept = sigma if self.told is None else np.where(self.told, self.sigma, sigma)
-        return replace(self, sigma=kept)
+        """Copy with the noise ``sigma`` (k,), except for channels with ``sigma_given`` set."""
+        new_sigma = (
+            sigma if self.sigma_given is None else np.where(self.sigma_given, self.sigma, sigma)
+        )
+        return replace(self, sigma=new_sigma)
 
 
 SHAFTS = ("s_L", "s_R", "c")

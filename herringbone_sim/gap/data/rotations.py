@@ -32,12 +32,12 @@ def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[
     }
     if not angles:
         return series, ()
-    made = with_turns(model, "", 0.0, series.times, angles)
-    kept = [i for i, name in enumerate(series.names) if name not in angles]
-    data = np.column_stack([series.data[:, kept], *made.values()])
+    rotations = with_turns(model, "", 0.0, series.times, angles)
+    other_columns = [i for i, name in enumerate(series.names) if name not in angles]
+    data = np.column_stack([series.data[:, other_columns], *rotations.values()])
     return (
-        TimeSeries(series.times, data, (*(series.names[i] for i in kept), *made)),
-        tuple(made),
+        TimeSeries(series.times, data, (*(series.names[i] for i in other_columns), *rotations)),
+        tuple(rotations),
     )
 
 
@@ -52,11 +52,11 @@ def without_angles_not_in_rad(
     ]
     if not odd:
         return series, []
-    kept = [i for i, name in enumerate(series.names) if name not in odd]
+    columns = [i for i, name in enumerate(series.names) if name not in odd]
     text = f"{listed(odd)} of {run} is in {units[odd[0]]}, not in rad: it is not used"
     finding = Finding("unit", run, tuple(odd), float(series.times[0]), text)
-    names = tuple(series.names[i] for i in kept)
-    return TimeSeries(series.times, series.data[:, kept], names), [finding]
+    names = tuple(series.names[i] for i in columns)
+    return TimeSeries(series.times, series.data[:, columns], names), [finding]
 
 
 def detrended_rotations(series: TimeSeries, names: Sequence[str]) -> tuple[str, ...]:

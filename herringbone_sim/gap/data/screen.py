@@ -45,10 +45,10 @@ class Finding:
 def finding_texts(findings: Sequence[Finding]) -> list[str]:
     """Return the texts of findings; a text common to several runs once, with their names."""
     runs: dict[str, list[str]] = {}
-    for one in findings:
-        name, colon, rest = one.text.partition(": ")
-        alike = colon and name == one.run
-        runs.setdefault(rest if alike else one.text, []).extend([name] if alike else [])
+    for finding in findings:
+        name, colon, statement = finding.text.partition(": ")
+        alike = colon and name == finding.run
+        runs.setdefault(statement if alike else finding.text, []).extend([name] if alike else [])
     return [f"{', '.join(names)}: {text}" if names else text for text, names in runs.items()]
 
 
@@ -97,10 +97,10 @@ def _merge_by_rule(findings: list[Finding]) -> list[Finding]:
         kinds.setdefault(finding.what, []).append(finding)
     merged = []
     for same in kinds.values():
-        first = min(same, key=lambda one: one.time_s or 0.0)
-        rest = [channel for one in same if one is not first for channel in one.channels]
-        text = f"{first.text}; so it is with {', '.join(rest)}" if rest else first.text
-        merged.append(replace(first, channels=(*first.channels, *rest), text=text))
+        first = min(same, key=lambda entry: entry.time_s or 0.0)
+        others = [channel for entry in same if entry is not first for channel in entry.channels]
+        text = f"{first.text}; so it is with {', '.join(others)}" if others else first.text
+        merged.append(replace(first, channels=(*first.channels, *others), text=text))
     return merged
 
 

@@ -185,12 +185,12 @@ def _encoder_nuisances(
         if shaft
         else (np.zeros((0, len(modelled), 0)), np.zeros(0))
     )
-    found = np.zeros((len(sd), len(reach), len(names)))
+    weights = np.zeros((len(sd), len(reach), len(names)))
     for name in shaft:
         kind, _, mesh = name.rpartition(" of ")
         weight = by_mesh[:, int(mesh), kinds.index(kind)]
-        found[:, :, names.index(name)] = weight[:, None] * reach[:, int(mesh)]
-    return found, sd
+        weights[:, :, names.index(name)] = weight[:, None] * reach[:, int(mesh)]
+    return weights, sd
 
 
 def with_quadrature(

@@ -45,14 +45,14 @@ def linear_block_at(
     )
 
 
-def joined(one: Block, other: Block) -> Block:
-    """Return ``one`` with the columns of ``other``, a block of the same rows, appended."""
+def joined(block: Block, other: Block) -> Block:
+    """Return ``block`` with the columns of ``other``, a block of the same rows, appended."""
     return replace(
-        one,
-        functions=(*one.functions, *other.functions),
-        columns=np.concatenate([one.columns, other.columns], axis=2),
-        shared=np.concatenate([one.shared, other.shared], axis=2),
-        common_columns=np.concatenate([_common_columns(one), _common_columns(other)]),
+        block,
+        functions=(*block.functions, *other.functions),
+        columns=np.concatenate([block.columns, other.columns], axis=2),
+        shared=np.concatenate([block.shared, other.shared], axis=2),
+        common_columns=np.concatenate([_common_columns(block), _common_columns(other)]),
     )
 
 

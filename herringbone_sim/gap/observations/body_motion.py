@@ -73,8 +73,8 @@ def static_rotations(run: PreparedRun) -> Array:
     force = np.linalg.lstsq(G.T, tau, rcond=None)[0]
     x = force / mean_stiffness(p) + np.sign(force) * model.half_backlash_m
     rows = np.vstack([G, of_rigid / np.abs(of_rigid).max()])
-    found: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
-    return found
+    rotations: Array = np.linalg.lstsq(rows, np.append(x, 0.0), rcond=None)[0]
+    return rotations
 
 
 def shaft_rotations(run: PreparedRun) -> Array:
@@ -86,12 +86,12 @@ def shaft_rotations(run: PreparedRun) -> Array:
     at = [bodies.index(name) for name in SHAFTS]
     w = 2.0 * np.pi * np.fft.rfftfreq(n, run.step_s)
     over = np.divide(-1.0, w**2, out=np.zeros_like(w), where=w > 0.5 * run.omega_rad_per_s)
-    rest = static_rotations(run)
-    found = np.empty((n, len(at)))
+    static = static_rotations(run)
+    rotations = np.empty((n, len(at)))
     for i, b in enumerate(at):
         if run.u.recorded[b]:
-            found[:, i] = run.u.values[:, b]
+            rotations[:, i] = run.u.values[:, b]
         else:
             power = np.fft.rfft(run.a.values[:, b])
-            found[:, i] = np.fft.irfft(power * over, n) + rest[b]
-    return found
+            rotations[:, i] = np.fft.irfft(power * over, n) + static[b]
+    return rotations

@@ -142,16 +142,18 @@ class LawChanges:
 
         ``slopes``: labels of parts whose derivatives by their parameters are computed too.
         """
-        found: dict[str, tuple[Array, Array]] = {}
+        displacements: dict[str, tuple[Array, Array]] = {}
         change = LawChange()
         self._add(change, m, amplitudes)
         for label in on:
             part = self.parts[label]
             offsets = [amplitudes.get(f"{label} {name}", np.zeros(1)) for name in part.names]
             sizes = np.array([float(a[np.argmax(np.abs(a))]) for a in offsets])
-            found |= part.displacements(self._model, m, change, label, sizes, label in slopes)
-            _displace(change, found, label, amplitudes)
-        return found
+            displacements |= part.displacements(
+                self._model, m, change, label, sizes, label in slopes
+            )
+            _displace(change, displacements, label, amplitudes)
+        return displacements
 
 
 def _displace(

@@ -73,8 +73,8 @@ class CoefficientBuilder:
             ):
                 at = f"{function} of {row}"
                 for z in np.flatnonzero(self._reach[:, row]):
-                    one = (int(z), at, self._reach[z, row] * w[:, row])
-                    placed.setdefault(balance.NAME, []).append(one)
+                    entry = (int(z), at, self._reach[z, row] * w[:, row])
+                    placed.setdefault(balance.NAME, []).append(entry)
 
     def rows(self, o: str) -> int:
         """Number of rows of observation ``o``."""

@@ -46,19 +46,19 @@ def remove_common_delay(
     if any(run.u.complete and run.x.recorded.any() for run in fit):
         return compensate_filter(runs)
     fastest = sorted(fit, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
-    some = [_stretch(run) for run in fastest]
+    stretches = [_stretch(run) for run in fastest]
 
-    gear = Gear(some)
+    gear = Gear(stretches)
     if gear.uses_windows or not GearMachine(gear).observation_names:
         return tuple(runs)
 
     def null(delay: float) -> Search:
         gear = Gear(
-            [with_delayed_waves(run, delay) for run in some], gain_tolerance=gain_tolerance
+            [with_delayed_waves(run, delay) for run in stretches], gain_tolerance=gain_tolerance
         )
         return Search(GearMachine(gear))
 
-    def left(delay: float) -> float:
+    def chi2_per_value(delay: float) -> float:
         """Chi2 per value of the gear with fitted tolerances at a delay [s]."""
         score = null(delay).null
         return score.in_sample / score.count
@@ -66,14 +66,14 @@ def remove_common_delay(
     search = null(0.0)
     if search.null.in_sample < MIN_NULL_CHI2 * search.null.count:
         return tuple(runs)
-    found = minimize_scalar(
-        left, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
+    optimum = minimize_scalar(
+        chi2_per_value, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
     )
     search = search.onwards(search.machine)
     shifts = [h for h in search.machine.hypotheses() if h.effect in TIME_SHIFT_EFFECTS]
-    most = min((search.quick(h.coefficients) for h in shifts), default=0.0)
-    if found.fun * search.null.count < search.null.in_sample + min(most, 0.0):
-        return tuple(with_delayed_waves(run, float(found.x)) for run in runs)
+    shift_chi2 = min((search.quick(h.coefficients) for h in shifts), default=0.0)
+    if optimum.fun * search.null.count < search.null.in_sample + min(shift_chi2, 0.0):
+        return tuple(with_delayed_waves(run, float(optimum.x)) for run in runs)
     return tuple(runs)
 
 

@@ -56,7 +56,7 @@ def block(
     """
     J = len(sensor_names(run.model.layout))
     signals = error_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
-    parts = [_relation_rows(one, len(run)) for one in relations(run, signals)]
+    parts = [_relation_rows(relation, len(run)) for relation in relations(run, signals)]
     rows = max(least_rows, sum(part[0].shape[1] for part in parts))
     if not rows:
         return None
@@ -67,9 +67,9 @@ def block(
     names = function_names(run.model.layout, swap)
     if swap is not None:
         right = relations(without_sensor_error(run, "swap", swap, 1.0), signals, run)
-        swapped = [_relation_rows(one, len(run))[0] for one in right]
-        left = _with_rows(swapped, (len(run),), rows)
-        columns = np.concatenate([columns, (residual - left)[:, :, None]], axis=2)
+        swapped = [_relation_rows(relation, len(run))[0] for relation in right]
+        exchanged = _with_rows(swapped, (len(run),), rows)
+        columns = np.concatenate([columns, (residual - exchanged)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
     turns, size = _shaft_waves(run)
     R = residual.shape[1]
@@ -99,12 +99,12 @@ def block(
 
 def _with_rows(parts: Sequence[Array], shape: tuple[int, ...], rows: int) -> Array:
     """Parts (n, d, ...) joined along axis 1, zeros up to ``rows``; ``shape``: (n, ...)."""
-    found = np.zeros((shape[0], rows, *shape[1:]))
+    padded = np.zeros((shape[0], rows, *shape[1:]))
     at = 0
     for part in parts:
-        found[:, at : at + part.shape[1]] = part
+        padded[:, at : at + part.shape[1]] = part
         at += part.shape[1]
-    return found
+    return padded
 
 
 def dominant_channels(block: Block) -> tuple[Array, Array]:
@@ -121,13 +121,17 @@ def dominant_channels(block: Block) -> tuple[Array, Array]:
     return block.columns[:, rows, of_gain[most]], block.columns[:, rows, of_delay[most]]
 
 
-def _relation_rows(one: Relation, n: int) -> tuple[Array, Array, Array]:
+def _relation_rows(relation: Relation, n: int) -> tuple[Array, Array, Array]:
     """Residual (n, d), columns (n, d, Q), padded with 0 to n; weights (1, d, J) of channels."""
-    pad = n - len(one.residual)
-    left = np.pad(one.residual, ((0, pad), (0, 0)))
-    signals = np.pad(one.signals, ((0, pad), (0, 0), (0, 0)))
-    columns = one.columns[None, :, :, None] * signals[:, None, :, :]
-    return left, columns.reshape(n, left.shape[1], -1), one.columns.T[None].transpose(0, 2, 1)
+    pad = n - len(relation.residual)
+    residual = np.pad(relation.residual, ((0, pad), (0, 0)))
+    signals = np.pad(relation.signals, ((0, pad), (0, 0), (0, 0)))
+    columns = relation.columns[None, :, :, None] * signals[:, None, :, :]
+    return (
+        residual,
+        columns.reshape(n, residual.shape[1], -1),
+        relation.columns.T[None].transpose(0, 2, 1),
+    )
 
 
 def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:

@@ -42,18 +42,20 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     ``without_computed`` gives them.
     """
     gone: list[str] = []
-    own = [without_computed(run) for run in runs]
-    layout, fit, of_fit = runs[0].model.layout, deciding(runs), deciding(own)
+    reduced_runs = [without_computed(run) for run in runs]
+    layout, fit, of_fit = runs[0].model.layout, deciding(runs), deciding(reduced_runs)
     for q in ("x", "v"):
-        was, now = (np.array([getattr(run, q).recorded for run in of]) for of in (fit, of_fit))
+        was, now = (
+            np.array([getattr(run, q).recorded for run in group]) for group in (fit, of_fit)
+        )
         lost = was & ~now
         shows = 2 * lost.sum(axis=1) > was.sum(axis=1)
         if 2 * shows.sum() > was.any(axis=1).sum():
-            every = (lost | ~was)[shows].all(axis=0) & lost[shows].any(axis=0)
-            gone += [name for name, out in zip(layout.channels_of(q), every, strict=True) if out]
+            dropped = (lost | ~was)[shows].all(axis=0) & lost[shows].any(axis=0)
+            gone += [name for name, out in zip(layout.channels_of(q), dropped, strict=True) if out]
     return tuple(
-        without_channels(with_rate_noise(run, one.v.sigma), tuple(gone))
-        for run, one in zip(runs, own, strict=True)
+        without_channels(with_rate_noise(run, reduced.v.sigma), tuple(gone))
+        for run, reduced in zip(runs, reduced_runs, strict=True)
     )
 
 
@@ -68,26 +70,26 @@ def without_computed(run: PreparedRun) -> PreparedRun:
         tuple(f"{q}_{name}" for name in names)
         for q, names in (("x", layout.meshes), ("u", layout.bodies))
     )
-    left = geometric_residuals(run)[0][0]
-    if run.u.complete and left.size and _rms(left) < COPY_SHARE:
+    residuals = geometric_residuals(run)[0][0]
+    if run.u.complete and residuals.size and _rms(residuals) < COPY_SHARE:
         run = without_channels(run, by_mesh)
     # Rates may come from displacements, of one mesh or fused, from rotations, or from both.
     D = coordinates_to_meshes(layout)
-    every = [
-        displacement(one)
-        for one in (run, without_channels(run, by_mesh), without_channels(run, by_body))
+    estimates = [
+        displacement(variant)
+        for variant in (run, without_channels(run, by_mesh), without_channels(run, by_body))
     ]
     sources = [(run.x.values + run.waves.e, run.x.sigma**2)]
-    sources += [(to_meshes(D, z), mesh_sigma(D, P) ** 2) for z, P in every]
-    found = [(_disagreement(run, x, of_x), of_x) for x, of_x in sources]
+    sources += [(to_meshes(D, z), mesh_sigma(D, P) ** 2) for z, P in estimates]
+    disagreements = [(_disagreement(run, x, of_x), of_x) for x, of_x in sources]
     if not run.v.recorded.any():
         return run
-    share, of_x = min(found, key=lambda one: _median(run, one[0]))
+    share, of_x = min(disagreements, key=lambda pair: _median(run, pair[0]))
     if _median(run, share) < COPY_SHARE:
         # A rate that disagrees although the others are copies has an error: it stays recorded,
         # with the noise of a slope.
-        own = zip(layout.meshes, share, strict=True)
-        run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in own if off < COPY_SHARE))
+        shares = zip(layout.meshes, share, strict=True)
+        run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in shares if off < COPY_SHARE))
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
         run = with_rate_noise(run, np.fmax(run.v.sigma, of_slope))
     return run
@@ -118,9 +120,9 @@ def _disagreement(
     """
     h = run.step_s
     known = run.v.recorded & np.isfinite(x).all(axis=0)
-    found = np.full(len(known), np.inf)
+    disagreement = np.full(len(known), np.inf)
     if not known.any():
-        return found
+        return disagreement
     x, rate = x[:, known], (run.v.values + run.waves.e_rate)[:, known]
     of_x, of_v = of_x[known], run.v.sigma[known] ** 2
     integral = (np.diff(x, axis=0) - increments(rate, h))[2:-2]
@@ -135,8 +137,8 @@ def _disagreement(
             (spline, SPLINE_SLOPE_NOISE * of_x / h**2 + of_v),
         )
     ]
-    found[known] = np.sqrt(np.min(shares, axis=0))
-    return found
+    disagreement[known] = np.sqrt(np.min(shares, axis=0))
+    return disagreement
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -95,7 +95,7 @@ class _Row:
 
 def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
     """Rows of force law and, for meshes without force, balance; all runs, about ``amplitudes``."""
-    found: list[_Row] = []
+    rows: list[_Row] = []
     through = gear.has_balance and bool(gear.modelled.any())
     balances = gear.blocks(amplitudes, {}, (balance.NAME,)) if through else []
     for r, g in enumerate(gear.runs):
@@ -104,14 +104,14 @@ def mesh_rows(gear: Gear, amplitudes: Amplitudes) -> list[_Row]:
         now = gear.law_of(m, of_law, ())
         residual = (m.F - now.force) / now.sigma
         columns = {kind: c / now.sigma for kind, c in event_columns(m, now).items()}
-        found += [
+        rows += [
             _Row(j, m.phase, residual[:, j], {kind: c[:, j] for kind, c in columns.items()})
             for j in np.flatnonzero(np.isfinite(residual).all(axis=0)).tolist()
         ]
         if through:
             now = gear.law_of(g.motion, of_law, ())
-            found += _balance_rows(gear, g, now, balances[r][balance.NAME])
-    return found
+            rows += _balance_rows(gear, g, now, balances[r][balance.NAME])
+    return rows
 
 
 def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
@@ -142,19 +142,19 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     ]
 
 
-def fold_over_turn(gear: Gear, every: Sequence[_Row], member: str) -> dict[str, Fold]:
+def fold_over_turn(gear: Gear, rows: Sequence[_Row], member: str) -> dict[str, Fold]:
     """Sum rows synchronously with a member's revolution, for each kind of event."""
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(BINS_PER_CYCLE * cycles)
     n = gear.model.layout.n_mesh
-    found = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in EVENT_KINDS}
-    for row in every:
+    folds = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in EVENT_KINDS}
+    for row in rows:
         turned = np.mod(row.phase / (2.0 * np.pi), cycles)
         at = np.floor(turned * BINS_PER_CYCLE).astype(int) % bins
         for kind, c in row.columns.items():
-            found[kind].A[row.mesh] += np.bincount(at, c * c, bins)
-            found[kind].b[row.mesh] += np.bincount(at, c * row.residual, bins)
-    return found
+            folds[kind].A[row.mesh] += np.bincount(at, c * c, bins)
+            folds[kind].b[row.mesh] += np.bincount(at, c * row.residual, bins)
+    return folds
 
 
 EVENT_KINDS = ("tooth_crack", "tooth_spall")
@@ -166,24 +166,24 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     Args:
         amplitudes: of the current fit, whose residual is searched.
     """
-    found: list[tuple[float, Event]] = []
-    every = mesh_rows(gear, amplitudes)
+    candidates: list[tuple[float, Event]] = []
+    rows = mesh_rows(gear, amplitudes)
     for member in ("sun", "planet", "ring"):
-        for kind, one in fold_over_turn(gear, every, member).items():
-            found += _best_events(gear, member, kind, one)
-    found.sort(key=lambda c: -c[0])
+        for kind, fold in fold_over_turn(gear, rows, member).items():
+            candidates += _best_events(gear, member, kind, fold)
+    candidates.sort(key=lambda c: -c[0])
     chosen: list[Event] = []
-    for _, event in found:
+    for _, event in candidates:
         if sum(other.effect == event.effect for other in chosen) < per_kind:
             chosen.append(event)
     return chosen
 
 
-def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[float, Event]]:
-    """Chi2 removed and event, of the best six places and assemblies; ``one``: sums of a kind."""
+def _best_events(gear: Gear, member: str, kind: str, fold: Fold) -> list[tuple[float, Event]]:
+    """Chi2 removed and event, of the best six places and assemblies; ``fold``: sums of a kind."""
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
-    bins = one.A.shape[1]
+    bins = fold.A.shape[1]
     wide = round(CONTACT_CYCLES * BINS_PER_CYCLE)
     kernel = np.zeros(bins)
     kernel[:wide] = 1.0
@@ -193,7 +193,7 @@ def _best_events(gear: Gear, member: str, kind: str, one: Fold) -> list[tuple[fl
         """Circular sum over the length of a contact, by the last bin of the contact."""
         return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
-    A, b = summed(one.A), summed(one.b)
+    A, b = summed(fold.A), summed(fold.b)
     ranked = []
     for locus in known_effects()[kind].candidates(layout):
         if not tooth_meets(member, locus):

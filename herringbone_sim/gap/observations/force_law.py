@@ -48,11 +48,11 @@ def slope(m: MeshMotion, values: Array) -> Array:
     At five samples a mesh cycle, as the force law has where ten are recorded, differences lose a
     quarter of the first order, the spline 2 %.
     """
-    found = np.full_like(values, np.nan)
+    slopes = np.full_like(values, np.nan)
     known = np.isfinite(values).all(axis=0)
     if known.any():
-        found[:, known] = CubicSpline(m.times, values[:, known]).derivative()(m.times)
-    return found
+        slopes[:, known] = CubicSpline(m.times, values[:, known]).derivative()(m.times)
+    return slopes
 
 
 def shift_k(m: MeshMotion, _: Law) -> Array:
@@ -94,7 +94,7 @@ def cycles_per_member_turn(model: Model) -> dict[str, float]:
 
 def law_functions(model: Model) -> list[Function]:
     """Return all basis functions of the force law, errors of force sensors included."""
-    found = [
+    functions = [
         constant_function("kappa", "kappa"),
         constant_function("gamma", "gamma"),
         Function("error", "d", lambda m, _: -m.e, lambda m, _: -m.e_rate),
@@ -105,14 +105,14 @@ def law_functions(model: Model) -> list[Function]:
         Function("advance k", "mean_kappa", shift_k, None, partial(phase_advance, what="k")),
         Function("advance e", "d", shift_e, shift_e_rate, partial(phase_advance, what="e")),
     ]
-    found += harmonic_functions("mean_kappa", "k", {str(q): q for q in ORDERS})
-    found += harmonic_functions("d", "e", {str(q): q for q in ORDERS})
+    functions += harmonic_functions("mean_kappa", "k", {str(q): q for q in ORDERS})
+    functions += harmonic_functions("d", "e", {str(q): q for q in ORDERS})
     for member, cycles in cycles_per_member_turn(model).items():
-        found += harmonic_functions("d", member, {str(h): h / cycles for h in TURNS})
+        functions += harmonic_functions("d", member, {str(h): h / cycles for h in TURNS})
     for shaft, cycles in cycles_per_shaft_turn(model).items():
-        found += harmonic_functions("d", f"shaft {shaft}", {"1": 1.0 / cycles})
-    found += load_hat_functions("kappa", "kappa load")
-    found += [
+        functions += harmonic_functions("d", f"shaft {shaft}", {"1": 1.0 / cycles})
+    functions += load_hat_functions("kappa", "kappa load")
+    functions += [
         Function("gamma free", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back),
         *(
             Function(f.name, f.slot, _in_contact(f))
@@ -129,8 +129,8 @@ def law_functions(model: Model) -> list[Function]:
         *(Function(f"filter {i + 1}", "extra_force", _filtered(i)) for i in range(len(FILTERS))),
     ]
     for i in range(model.layout.n_mesh):
-        found.append(Function(f"F of {i}", "extra_force", _of_mesh(i)))
-    return found
+        functions.append(Function(f"F of {i}", "extra_force", _of_mesh(i)))
+    return functions
 
 
 def _in_contact(f: Function) -> Values:
@@ -232,8 +232,8 @@ def encoder_nuisances(model: Model, names: Sequence[str]) -> tuple[Array, Array]
     weights, sds = [], []
     for j, body in enumerate(model.layout.bodies):
         for trig in ("cos", "sin"):
-            one = np.zeros((model.layout.n_mesh, len(names)))
-            one[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
-            weights.append(one)
+            weight = np.zeros((model.layout.n_mesh, len(names)))
+            weight[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
+            weights.append(weight)
             sds.append(ENCODER_ERROR_RAD * base_radius(model, body))
     return np.array(weights), np.array(sds)

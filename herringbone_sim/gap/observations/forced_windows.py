@@ -81,7 +81,7 @@ class ForcedWindows:
         s = self.windows
         k, e, rate = self._nominal
         m = self.model
-        one = np.ones_like(k)
+        ones = np.ones_like(k)
         tau = body_loads(m, s.phase - s.run.delay_rad)
         for push, a in pushes:
             tau = tau + a * push.size[:, None] * push.direction
@@ -90,12 +90,12 @@ class ForcedWindows:
             s.inverse_masses * masses,
             tau,
             k * (1.0 + change.kappa) + mean_stiffness(m.parameters) * change.mean_kappa,
-            m.damping_n_s_per_m * (1.0 + change.gamma) * one,
+            m.damping_n_s_per_m * (1.0 + change.gamma) * ones,
             change.d - e,
             change.d_rate - rate,
-            np.maximum(m.half_backlash_m + change.b_plus, 0.0) * one,
-            np.maximum(m.half_backlash_m + change.b_minus, 0.0) * one,
-            change.extra_force * one,
+            np.maximum(m.half_backlash_m + change.b_plus, 0.0) * ones,
+            np.maximum(m.half_backlash_m + change.b_minus, 0.0) * ones,
+            change.extra_force * ones,
         )
 
     def motion(self, states: Array, phase: Array) -> MeshMotion:

@@ -98,20 +98,20 @@ class Gear(RecordedGear):
 
         Coefficients fitted to this gear apply to it. Fitted windows of common runs are reused.
         """
-        found = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
-        found.take_observations(self)
-        found.windows = self.windows
+        gear = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
+        gear.take_observations(self)
+        gear.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
-        kept = {r: known.get(id(run)) for r, run in enumerate(runs)}
-        found._trajectories.update({r: t for r, t in kept.items() if t is not None})
-        found.part_numbers = self.part_numbers
-        return found
+        reused = {r: known.get(id(run)) for r, run in enumerate(runs)}
+        gear._trajectories.update({r: t for r, t in reused.items() if t is not None})
+        gear.part_numbers = self.part_numbers
+        return gear
 
     def with_windows(self, windows: int) -> Gear:
         """Copy with at most ``windows`` windows of a run, none of them fitted."""
-        found = copy.copy(self)
-        found._forget_windows(windows)
-        return found
+        gear = copy.copy(self)
+        gear._forget_windows(windows)
+        return gear
 
     @cached_property
     def _quadrature(self) -> list[Array | None]:
@@ -138,9 +138,9 @@ class Gear(RecordedGear):
 
     def without_linearisation(self) -> Gear:
         """Copy whose balance integrates forces between samples with all changes of the law."""
-        found = copy.copy(self)
-        found.exact_forces = True
-        return found
+        gear = copy.copy(self)
+        gear.exact_forces = True
+        return gear
 
     @cached_property
     def _balances(self) -> list[Block]:
@@ -153,13 +153,13 @@ class Gear(RecordedGear):
         if not self.body_functions:
             return self._measured_balances
         names = [f.name for f in self.body_functions]
-        found = []
+        blocks = []
         for r, (g, plain) in enumerate(zip(self.runs, self._measured_balances, strict=True)):
             of_law = {f: a[r] for f, a in self._part_amplitudes.get(force_law.NAME, {}).items()}
             now = self.law_of(g.motion, of_law)
-            more = self._balance(r, g, now, self.law_functions, names)
-            found.append(joined(plain, more))
-        return found
+            on_carrier = self._balance(r, g, now, self.law_functions, names)
+            blocks.append(joined(plain, on_carrier))
+        return blocks
 
     def _balance(
         self,
@@ -227,16 +227,16 @@ class Gear(RecordedGear):
         observations: Sequence[str],
     ) -> dict[str, Block]:
         """Blocks of run r, by observation."""
-        found: dict[str, Block] = {}
+        blocks: dict[str, Block] = {}
         relations = self.relations[r] if consistency.NAME in observations else None
         if relations is not None:
-            found[consistency.NAME] = linear_block_at(
+            blocks[consistency.NAME] = linear_block_at(
                 relations, amplitudes.get(consistency.NAME, {}), r, wanted
             )
         if trajectory.NAME in observations and self.has_windows_of(r):
-            found[trajectory.NAME] = self._trajectory_block(r, amplitudes, wanted)
+            blocks[trajectory.NAME] = self._trajectory_block(r, amplitudes, wanted)
         if not {force_law.NAME, balance.NAME} & set(observations):
-            return found
+            return blocks
         g = self.corrected_run(r, amplitudes.get(consistency.NAME, {}))
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         chosen = self.law_functions
@@ -246,13 +246,15 @@ class Gear(RecordedGear):
         law_columns = [f.name for f in chosen]
         if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.strided, of_law, law_columns)
-            found[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen, self.drift)
+            blocks[force_law.NAME] = force_law.block(
+                g.strided, now, self.model, chosen, self.drift
+            )
         if balance.NAME in observations and self.has_balance and self.has_balance_of(r):
             # Functions of the law act through the forces already.
-            own = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
-            own |= {f.name for f in self.body_functions}
+            direct = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
+            direct |= {f.name for f in self.body_functions}
             given = amplitudes.get(balance.NAME, {})
-            of_balance = {name: a for name, a in given.items() if name in own}
+            of_balance = {name: a for name, a in given.items() if name in direct}
             gratings = [f"{f} of {j}" for f in SHAFT_NAMES for j in np.flatnonzero(self.modelled)]
             names = None
             if wanted is not None:
@@ -269,8 +271,8 @@ class Gear(RecordedGear):
                 full = balance.with_quadrature(
                     full, self._quadrature_error(r, of_law), self._quadrature[r], g.run
                 )
-            found[balance.NAME] = linear_block_at(full, of_balance, r, wanted)
-        return found
+            blocks[balance.NAME] = linear_block_at(full, of_balance, r, wanted)
+        return blocks
 
     def _trajectory_block(
         self,
@@ -280,22 +282,22 @@ class Gear(RecordedGear):
     ) -> Block:
         """Trajectory block of run r, states fitted under the change."""
         names_of = self.functions if wanted is None else wanted
-        every = names_of.get(trajectory.NAME, ())
+        names = names_of.get(trajectory.NAME, ())
         functions = [f.name for f in self.law_functions]
         if wanted is not None:
-            used = {name.rpartition(" of ")[0] for name in every}
+            used = {name.rpartition(" of ")[0] for name in names}
             functions = [name for name in functions if name in used]
         change_of = self._windows_change(r, amplitudes, functions)[0]
         solution = self.states(r, amplitudes)
-        self._formed[r] = one = self.trajectory_under(r, amplitudes)
-        every_one = (*self.law_functions, *self.body_functions)
-        return one.block(solution, change_of, every_one, tuple(every))
+        self._formed[r] = run_trajectory = self.trajectory_under(r, amplitudes)
+        all_functions = (*self.law_functions, *self.body_functions)
+        return run_trajectory.block(solution, change_of, all_functions, tuple(names))
 
     def states(self, r: int, amplitudes: Amplitudes) -> WindowSolution:
         """Fit the states of the windows of run r under a change."""
         key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-        one = self.trajectory_under(r, amplitudes)
-        return one.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
+        run_trajectory = self.trajectory_under(r, amplitudes)
+        return run_trajectory.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
 
     def cost_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
@@ -310,8 +312,8 @@ class Gear(RecordedGear):
         Returns:
             ``WindowSolution.cost``: squares of residuals over their noise, and of jumps.
         """
-        one = self.trajectory_under(r, amplitudes)
-        return one.cost_near(near, *self._windows_change(r, amplitudes), rounds)
+        run_trajectory = self.trajectory_under(r, amplitudes)
+        return run_trajectory.cost_near(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
         self, r: int, amplitudes: Amplitudes, wanted: Sequence[str] = ()
@@ -350,14 +352,14 @@ class Gear(RecordedGear):
             about: amplitudes of the current fit, about which the forces of parts on the carrier
                 are computed; None: as before.
         """
-        found = copy.copy(self)
-        every = {**self._changes.parts, **(parts or {})}
-        found._changes = LawChanges(self.model, (*self.law_functions, *extra), every)
-        found.body_functions = (*self.body_functions, *on_bodies)
-        found._part_amplitudes = self._part_amplitudes if about is None else about
+        gear = copy.copy(self)
+        all_parts = {**self._changes.parts, **(parts or {})}
+        gear._changes = LawChanges(self.model, (*self.law_functions, *extra), all_parts)
+        gear.body_functions = (*self.body_functions, *on_bodies)
+        gear._part_amplitudes = self._part_amplitudes if about is None else about
         for name in ("functions", "_balances"):
-            found.__dict__.pop(name, None)
-        return found
+            gear.__dict__.pop(name, None)
+        return gear
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         """Inputs of the flexible regression for the rows of a block of run r."""

@@ -66,14 +66,14 @@ class GearMachine:
     ) -> tuple[GearMachine, list[Hypothesis]]:
         """Damaged teeth, flexible rings and loose pins that the residual suggests."""
         if self.gear.uses_windows:
-            found: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
-            found += window_parts.proposals(self.gear, amplitudes, known)
-            return self.with_parts(found, amplitudes)
+            proposed: list[Event | Seat] = [*window_events.proposals(self.gear, amplitudes)]
+            proposed += window_parts.proposals(self.gear, amplitudes, known)
+            return self.with_parts(proposed, amplitudes)
         if not (self.gear.has_force_law or self.gear.has_balance):
             return self, []
-        found = [*events.proposals(self.gear, amplitudes)]
-        found += seat_grid.proposals(self.gear, amplitudes, known)
-        return self.with_parts(found, amplitudes)
+        proposed = [*events.proposals(self.gear, amplitudes)]
+        proposed += seat_grid.proposals(self.gear, amplitudes, known)
+        return self.with_parts(proposed, amplitudes)
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
@@ -148,9 +148,9 @@ class GearMachine:
         return GearMachine(self.gear.with_windows(MORE_WINDOWS))
 
     def without_linearisation(self) -> GearMachine:
-        found = copy.copy(self)
-        found.gear = self.gear.without_linearisation()
-        return found
+        machine = copy.copy(self)
+        machine.gear = self.gear.without_linearisation()
+        return machine
 
     def linear_observations(self, amplitudes: Amplitudes) -> tuple[str, ...]:
         return self.gear.linear_observations(amplitudes)

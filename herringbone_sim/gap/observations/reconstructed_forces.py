@@ -221,12 +221,12 @@ def _state_errors(
 def _weights(coefficients: Sequence[Coefficient], functions: Sequence[str]) -> Array:
     """Amplitudes (Q, p) of the functions of the windows by a unit of each coefficient."""
     place = {name: i for i, name in enumerate(functions)}
-    found = np.zeros((len(functions), len(coefficients)))
+    weights = np.zeros((len(functions), len(coefficients)))
     for i, c in enumerate(coefficients):
         if trajectory.NAME in c.placements:
             for _, name, w in c.placements[trajectory.NAME].entries:
-                found[place[name], i] += w[0]
-    return found
+                weights[place[name], i] += w[0]
+    return weights
 
 
 def _responses_of_states(
@@ -234,7 +234,7 @@ def _responses_of_states(
     solution: WindowSolution,
     at: tuple[MeshMotion, Law],
     functions: Sequence[Function],
-    wanted: Sequence[str],
+    names: Sequence[str],
 ) -> Array:
     """Response (W, samples, 18, Q) of the states to functions, from given start states.
 
@@ -242,7 +242,7 @@ def _responses_of_states(
 
     Args:
         at: motion of the meshes at every step, and the force law there.
-        wanted: names of the Q columns.
+        names: of the Q columns.
     """
     shape = (s.n_windows, s.samples_per_window, STATES)
     nothing = np.zeros((STATES, STATES // 2))
@@ -257,23 +257,21 @@ def _responses_of_states(
     seen = replace(s, channels=states, measured=np.zeros(shape), weight=np.ones(shape))
     unit = np.broadcast_to(np.eye(STATES), (*shape, STATES))
     shot = replace(solution, slope=unit, residuals=np.zeros(shape))
-    found = window_columns(seen, shot, *at, functions, wanted)
-    return found[: shot.residuals.size].reshape(*shape, -1)
+    responses = window_columns(seen, shot, *at, functions, names)
+    return responses[: shot.residuals.size].reshape(*shape, -1)
 
 
-def _direct(
-    functions: Sequence[Function], m: MeshMotion, now: Law, wanted: Sequence[str]
-) -> Array:
+def _direct(functions: Sequence[Function], m: MeshMotion, now: Law, names: Sequence[str]) -> Array:
     """Change (n, n_mesh, Q) of the mesh forces by unit amplitudes of functions, states fixed."""
-    place = {name: i for i, name in enumerate(wanted)}
-    found = np.zeros((*m.x.shape, len(wanted)))
+    place = {name: i for i, name in enumerate(names)}
+    changes = np.zeros((*m.x.shape, len(names)))
     for f in functions:
         at = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
         if at:
             g = np.nan_to_num(force_column(f, m, now))
             for j in at:
-                found[:, j, place[f"{f.name} of {j}"]] = g[:, j]
-    return found
+                changes[:, j, place[f"{f.name} of {j}"]] = g[:, j]
+    return changes
 
 
 def _at_steps(values: Array, each: int) -> Array:

@@ -164,19 +164,21 @@ class RecordedGear:
     @cached_property
     def rms_by_quantity(self) -> dict[str, float]:
         """RMS over all channels and runs of each recorded quantity: x, v, u, F and pin."""
-        found = {}
+        rms = {}
         for q in ("x", "v", "u", "F", "pin"):
-            every: list[Measured] = [getattr(g.run, q) for g in self.runs]
-            squares = [np.nanmean(one.values**2) for one in every if one.recorded.any()]
+            by_run: list[Measured] = [getattr(g.run, q) for g in self.runs]
+            squares = [
+                np.nanmean(measured.values**2) for measured in by_run if measured.recorded.any()
+            ]
             if squares:
-                found[q] = float(np.sqrt(np.mean(squares)))
-        return found
+                rms[q] = float(np.sqrt(np.mean(squares)))
+        return rms
 
     @cached_property
     def recorded_motion(self) -> NDArray[np.bool_]:
         """Mask (J,) of the channels x, v and u that are recorded in at least one run."""
         recorded = [(g.run.x.recorded, g.run.v.recorded, g.run.u.recorded) for g in self.runs]
-        return np.asarray(np.logical_or.reduce([np.concatenate(one) for one in recorded]))
+        return np.asarray(np.logical_or.reduce([np.concatenate(flags) for flags in recorded]))
 
     @cached_property
     def n_relations(self) -> int:
@@ -184,8 +186,8 @@ class RecordedGear:
         if not self.means_known:
             return 0
         starts = [slice_run(g.run, slice(0, 64), g.run.name) for g in self.runs]
-        found = [consistency.block(one, fuse(one), self.drift, self.swap) for one in starts]
-        return max(0 if one is None else len(one.rows) for one in found)
+        blocks = [consistency.block(start, fuse(start), self.drift, self.swap) for start in starts]
+        return max(0 if block is None else len(block.rows) for block in blocks)
 
     @cached_property
     def relations(self) -> list[Block | None]:

@@ -53,7 +53,7 @@ def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, Chan
         runs: fit runs.
         noise_known: whether the campaign gives the noise.
     """
-    found: dict[str, ChannelNoise] = {}
+    noise_by_channel: dict[str, ChannelNoise] = {}
     first = runs[0].run
     layout = first.model.layout
     for quantity, names in (
@@ -66,12 +66,14 @@ def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, Chan
         for j, name in enumerate(names):
             there = [g for g in runs if getattr(g.run, quantity).recorded[j]]
             if there:
-                found[f"{quantity}_{name}"] = _channel_noise(there, quantity, j, noise_known)
+                noise_by_channel[f"{quantity}_{name}"] = _channel_noise(
+                    there, quantity, j, noise_known
+                )
     for j, planet in enumerate(layout.planets):
         there = [g for g in runs if g.run.pin.recorded[j]]
         if there:
-            found[f"F_pin{planet}"] = _channel_noise(there, "pin", j, noise_known)
-    return found
+            noise_by_channel[f"F_pin{planet}"] = _channel_noise(there, "pin", j, noise_known)
+    return noise_by_channel
 
 
 def _channel_noise(

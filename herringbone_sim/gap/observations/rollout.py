@@ -61,9 +61,9 @@ def integrate_windows(
     """
     W = len(starts)
     states, tangents = np.empty((W, steps + 1, STATES)), np.empty((W, steps, STATES, STATES))
-    whole = Forcing(*(np.ascontiguousarray(one) for one in forcing))
-    moved = np.argsort(whole.G == 0.0, axis=1, kind="stable")[:, :BODIES_PER_MESH]
-    _integrate(np.ascontiguousarray(starts), first, h, whole, moved, states, tangents)
+    contiguous = Forcing(*(np.ascontiguousarray(array) for array in forcing))
+    moved = np.argsort(contiguous.G == 0.0, axis=1, kind="stable")[:, :BODIES_PER_MESH]
+    _integrate(np.ascontiguousarray(starts), first, h, contiguous, moved, states, tangents)
     return states, tangents
 
 

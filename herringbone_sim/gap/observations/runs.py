@@ -85,20 +85,20 @@ def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, A
     Returns:
         Rates (n, k) and their noise over that of the values (k,) [1/s].
     """
-    every = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPE_FILTERS]
+    filters = [savgol_coeffs(n, order, deriv=1, delta=step) for n, order in SLOPE_FILTERS]
     middle = max(n for n, _ in SLOPE_FILTERS) // 2
-    weights = np.array([np.pad(w, middle - len(w) // 2) for w in every])
+    weights = np.array([np.pad(w, middle - len(w) // 2) for w in filters])
     best = savgol_filter(values, *SLOPE_FILTERS[-1], deriv=1, delta=step, axis=0)
-    found, least = best, np.sum(weights[-1] ** 2) * sigma**2
+    rates, least = best, np.sum(weights[-1] ** 2) * sigma**2
     noise = np.full(values.shape[1], np.sum(weights[-1] ** 2))
     for (n, order), w in zip(SLOPE_FILTERS[:-1], weights[:-1], strict=True):
         other = savgol_filter(values, n, order, deriv=1, delta=step, axis=0)
         apart = np.mean((other - best) ** 2, axis=0) - np.sum((w - weights[-1]) ** 2) * sigma**2
         error = np.maximum(apart, 0.0) + np.sum(w**2) * sigma**2
         better = error < least
-        found = np.where(better, other, found)
+        rates = np.where(better, other, rates)
         least, noise = np.where(better, error, least), np.where(better, np.sum(w**2), noise)
-    return found, np.sqrt(noise)
+    return rates, np.sqrt(noise)
 
 
 def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
@@ -108,12 +108,12 @@ def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
 
     def slope(values: Array, sigma: Array) -> tuple[Array, Array]:
         known = np.isfinite(values).all(axis=0)
-        found, noise = np.full_like(values, np.nan), np.full(values.shape[1], np.nan)
+        rates, noise = np.full_like(values, np.nan), np.full(values.shape[1], np.nan)
         if known.any():
-            found[:, known], noise[known] = polynomial_rates(
+            rates[:, known], noise[known] = polynomial_rates(
                 values[:, known], sigma[known], run.step_s
             )
-        return found, noise
+        return rates, noise
 
     rate, noise = slope(fused.x, fused.sigma_x)
     v = np.where(np.isfinite(fused.v), fused.v, rate)

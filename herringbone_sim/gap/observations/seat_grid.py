@@ -80,19 +80,19 @@ def best_seats(trial: PartTrial) -> list[Seat]:
     by a local search.
     """
     layout = trial.gear.model.layout
-    found = []
+    best_by_grid = []
     for effect, grid in GRIDS:
         places = list(known_effects()[effect].candidates(layout))
         size = {place: float(place.mask(layout).sum()) for place in places}
-        whole = [place for place in places if size[place] == max(size.values())]
-        every = [Seat(effect, place, theta) for place in whole for theta in grid]
-        best = trial.best(every)
+        largest = [place for place in places if size[place] == max(size.values())]
+        seats = [Seat(effect, place, theta) for place in largest for theta in grid]
+        best = trial.best(seats)
         inside = best.locus.mask(layout) > 0.0
         parts = [p for p in places if np.all(inside[p.mask(layout) > 0.0])]
         best = trial.best([replace(best, locus=p) for p in parts])
-        found.append(trial.evaluated(best))
-    first = max(found, key=lambda seat: seat.measured_gain)
-    return [trial.refined(seat) if seat is first else seat for seat in found]
+        best_by_grid.append(trial.evaluated(best))
+    first = max(best_by_grid, key=lambda seat: seat.measured_gain)
+    return [trial.refined(seat) if seat is first else seat for seat in best_by_grid]
 
 
 # Observation, number of the row, whitened residuals (n,) without and with a moving part, and
@@ -141,8 +141,8 @@ class PartTrial:
         looked = range(0, len(gear.runs), EVERY)
         self._known = known.coefficients
         blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
-        every_one = [{o: products(b) for o, b in one.items()} for one in blocks]
-        campaign = CampaignProducts(every_one, self._known)
+        run_products = [{o: products(b) for o, b in run_blocks.items()} for run_blocks in blocks]
+        campaign = CampaignProducts(run_products, self._known)
         self._A = campaign.base_A[list(looked)].sum(axis=0)
         self._b = campaign.base_b[list(looked)].sum(axis=0)
         self._sd = np.array([c.sd for c in self._known]) * np.sqrt(len(gear.runs) / len(looked))
@@ -208,7 +208,7 @@ class PartTrial:
     def refined(self, seat: Seat) -> Seat:
         """Improve the parameters by a Nelder-Mead search over their logarithms; evaluated copy."""
         n = len(seat.names)
-        found = minimize(
+        optimum = minimize(
             lambda offsets: -self.gain(seat.with_log_offsets(offsets)),
             np.zeros(n),
             method="Nelder-Mead",
@@ -217,7 +217,7 @@ class PartTrial:
                 "initial_simplex": np.vstack([np.zeros(n), 0.5 * np.eye(n)]),
             },
         )
-        return self.evaluated(seat.with_log_offsets(found.x))
+        return self.evaluated(seat.with_log_offsets(optimum.x))
 
     def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
         """Meshes and forces that drive the part in a run, cached by effect, locus and run."""
@@ -278,12 +278,12 @@ class PartTrial:
         if key not in self._columns:
             block = run.blocks[o]
             at = {f: i for i, f in enumerate(block.functions)}
-            found = np.zeros((len(block.residual), len(self._known)))
+            columns = np.zeros((len(block.residual), len(self._known)))
             for i, c in enumerate(self._known):
                 part = c.placements.get(o)
-                for own, f, w in part.entries if part is not None else ():
-                    if own == row:
-                        found[:, i] += w[run.number] * block.columns[:, row, at[f]]
+                for entry_row, f, w in part.entries if part is not None else ():
+                    if entry_row == row:
+                        columns[:, i] += w[run.number] * block.columns[:, row, at[f]]
             weight = np.sqrt(block.independent_share) / block.sigma[:, row]
-            self._columns[key] = found * weight[:, None]
+            self._columns[key] = columns * weight[:, None]
         return self._columns[key]

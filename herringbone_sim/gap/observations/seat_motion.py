@@ -168,7 +168,7 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
         parts: time steps per sample.
     """
     n, L = m.x.shape[0], p.shape[0]
-    found = np.empty((L, n, 2))
+    motion = np.empty((L, n, 2))
     x, v, k = np.empty((3, m.x.shape[1]))
     q, rate, q2, r2, q3, r3, q4, r4, a1, a2, a3, a4 = np.zeros((12, L))
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
@@ -184,7 +184,7 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
                 high[i] = q[i]
     h = m.step / parts
     for at in range(n):
-        found[:, at, 0], found[:, at, 1] = q, rate
+        motion[:, at, 0], motion[:, at, 1] = q, rate
         if at + 1 == n:
             break
         for part in range(parts):
@@ -207,4 +207,4 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
         for i in range(L):  # reset a diverged trial
             if not abs(q[i]) < DIVERGED_M:
                 q[i], rate[i] = 0.0, 0.0
-    return found
+    return motion

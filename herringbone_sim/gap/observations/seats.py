@@ -83,10 +83,10 @@ class Seat:
         """
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
         names = (label, *(f"{label} {name}" for name in self.names))
-        found = [replace(_displacement(name), meshes=at) for name in names]
+        functions = [replace(_displacement(name), meshes=at) for name in names]
         if self.effect == "bearing_clearance":
-            found.append(_on_carrier(gear.model, self, label))
-        return tuple(found)
+            functions.append(_on_carrier(gear.model, self, label))
+        return tuple(functions)
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
         """Hypothesis of this part: amplitude fixed at 1, and logarithms of its parameters."""
@@ -131,12 +131,12 @@ class Seat:
         drive = PartDrive(model, self.locus, self.effect, m, change)
         names = self.names if slopes else ()
         tried = [offsets, *(offsets + DIFFERENCE_STEP * np.eye(len(offsets))[: len(names)])]
-        now, *moved = drive.motions([self.with_log_offsets(one) for one in tried])
-        found = {label: now}
+        now, *moved = drive.motions([self.with_log_offsets(trial) for trial in tried])
+        by_function = {label: now}
         for name, q in zip(names, moved, strict=True):
-            found[f"{label} {name}"] = (q - now) / DIFFERENCE_STEP
+            by_function[f"{label} {name}"] = (q - now) / DIFFERENCE_STEP
         reach = -model.scales.cos_beta * drive.meshes_mask
-        return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in found.items()}
+        return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in by_function.items()}
 
 
 def _displacement(name: str) -> Function:
@@ -189,8 +189,8 @@ class PartDrive:
         rest = np.zeros(len(m.times))
         if effect == "ring_flexibility":
             side = np.arange(n) % (n // 2) // (n // 4)
-            every = [mask & (np.arange(n) >= n // 2) & (side == one) for one in range(2)]
-            self.meshes_mask = np.array([one for one in every if one.any()], dtype=float)
+            sides = [mask & (np.arange(n) >= n // 2) & (side == number) for number in range(2)]
+            self.meshes_mask = np.array([meshes for meshes in sides if meshes.any()], dtype=float)
             self._mass, self._under = s.M_r, np.inf
         else:
             self.meshes_mask = mask[None].astype(float)
@@ -201,13 +201,13 @@ class PartDrive:
             rest -= 2.0 * m.point["T_1"] / s.r_bs
         self.load = float(s.cos_beta * np.max(np.abs(force) @ self.meshes_mask.T))
         self._meshes = [
-            _mesh_loads(m, change, np.flatnonzero(one), rest) for one in self.meshes_mask
+            _mesh_loads(m, change, np.flatnonzero(meshes), rest) for meshes in self.meshes_mask
         ]
 
     def motions(self, seats: Sequence[Seat]) -> Array:
         """Displacement [m] and rate [m/s] (L, n, k, 2) of the k coordinates on each of L seats."""
         springs, cos_beta = [self._spring(seat) for seat in seats], self._model.scales.cos_beta
-        return np.stack([motions(one, springs, cos_beta) for one in self._meshes], axis=2)
+        return np.stack([motions(loads, springs, cos_beta) for loads in self._meshes], axis=2)
 
     def _spring(self, seat: Seat) -> SeatSpring:
         """Mass of the part, and properties of a seat in SI units."""

@@ -33,7 +33,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
-    for effect, function, of, sign, unit in (
+    for effect, function, signal, sign, unit in (
         ("sensor_gain", "F gain", "F", -1.0, GAIN),
         ("sensor_bias", "F bias", "constant", -1.0, GAIN * gear.rms_by_quantity.get("F", 0.0)),
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
@@ -45,11 +45,11 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
                 continue
             weights: Weights = {function: mask}
             for j in np.flatnonzero(mask * ~gear.modelled):
-                name = of if of == "constant" else f"{of} of {j}"
+                name = signal if signal == "constant" else f"{signal} of {j}"
                 key = (balance.NAME, name)
                 weights[key] = np.asarray(weights.get(key, 0.0)) + sign * reach[:, j]
-            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
-            yield Hypothesis(effect, (("channels", ("F",)),), locus, (one,), 1)
+            coefficient = builder.coefficient(PARAMETER_NAMES[effect], weights, unit)
+            yield Hypothesis(effect, (("channels", ("F",)),), locus, (coefficient,), 1)
     for i, j in combinations(measured, 2):
         weights = {}
         on_i, on_j = np.zeros(layout.n_mesh), np.zeros(layout.n_mesh)
@@ -60,8 +60,10 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         weights[balance.NAME, f"F of {i}"] = apart
         weights[balance.NAME, f"F of {j}"] = -apart
         names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        one = builder.coefficient("swap", weights, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0)
-        yield Hypothesis("channel_swap", (("channels", names),), Locus(), (one,), 1)
+        coefficient = builder.coefficient(
+            "swap", weights, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
+        )
+        yield Hypothesis("channel_swap", (("channels", names),), Locus(), (coefficient,), 1)
 
 
 def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -84,22 +86,27 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
                 "clock": 1e-3,
             }[kind]
             weights: Weights = {(consistency.NAME, f"{kind} of {n}"): 1.0 for n in group.names}
-            one = builder.coefficient(PARAMETER_NAMES[effect], weights, scale)
+            coefficient = builder.coefficient(PARAMETER_NAMES[effect], weights, scale)
             locus = Locus(
                 group.mesh if group.mesh in ("sp", "rp") else "all", group.planet, group.side
             )
             yield Hypothesis(
-                effect, (("channels", group.names),), locus, (one,), 1, partly_screened=True
+                effect,
+                (("channels", group.names),),
+                locus,
+                (coefficient,),
+                1,
+                partly_screened=True,
             )
     if gear.swap is not None:
-        one = builder.coefficient(
+        coefficient = builder.coefficient(
             "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
         )
         yield Hypothesis(
             "channel_swap",
             (("channels", gear.swap),),
             Locus(),
-            (one,),
+            (coefficient,),
             1,
             partly_screened=True,
         )
@@ -127,25 +134,25 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             weights: Weights = {(trajectory.NAME, f"{error} of {name}"): 1.0}
             effect = f"sensor_{error}"
             bound = LARGEST_GAIN if error == "gain" else np.inf
-            one = builder.coefficient(PARAMETER_NAMES[effect], weights, unit, bound)
-            yield Hypothesis(effect, (("channels", (name,)),), locus, (one,), 1)
+            coefficient = builder.coefficient(PARAMETER_NAMES[effect], weights, unit, bound)
+            yield Hypothesis(effect, (("channels", (name,)),), locus, (coefficient,), 1)
     for locus, names in _recorders(followed.names):
-        one = builder.coefficient(
+        coefficient = builder.coefficient(
             "ppm", {(trajectory.NAME, f"clock of {name}"): 1.0 for name in names}, 1e-3
         )
-        yield Hypothesis("clock_drift", (("channels", names),), locus, (one,), 1)
+        yield Hypothesis("clock_drift", (("channels", names),), locus, (coefficient,), 1)
     for f in gear.functions[trajectory.NAME]:
         if f.startswith(SWAP_PREFIX):
             pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
-            one = builder.coefficient(
+            coefficient = builder.coefficient(
                 "swap", {(trajectory.NAME, f): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
             )
-            yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (one,), 1)
+            yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (coefficient,), 1)
 
 
 def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
     """Locus and names of channels of one quantity that may have a common clock, but not of all."""
-    found: dict[tuple[str, ...], Locus] = {}
+    loci: dict[tuple[str, ...], Locus] = {}
     quantities = dict.fromkeys(name[0] for name in names)
     for quantity, mesh, side in product(quantities, ("all", *KINDS), ("all", *SIDES)):
         inside = tuple(
@@ -156,8 +163,8 @@ def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
             and side in ("all", _side_of(name))
         )
         if inside and len(inside) < len(names):
-            found.setdefault(inside, Locus(mesh, "all", side))
-    return ((locus, inside) for inside, locus in found.items())
+            loci.setdefault(inside, Locus(mesh, "all", side))
+    return ((locus, inside) for inside, locus in loci.items())
 
 
 def _mesh_of(channel: str) -> str:

@@ -111,22 +111,22 @@ def propagators(s: Windows, tangents: Array) -> Array:
         s: the windows.
         tangents: (W, steps, 18, 18) derivatives of single steps.
     """
-    found = np.empty((len(tangents), s.samples_per_window + 1, STATES, STATES))
-    _propagate(tangents, np.diag(s.scale), s.steps_per_sample, found)
-    found[:, -1] /= s.scale[:, None]
-    return found
+    derivatives = np.empty((len(tangents), s.samples_per_window + 1, STATES, STATES))
+    _propagate(tangents, np.diag(s.scale), s.steps_per_sample, derivatives)
+    derivatives[:, -1] /= s.scale[:, None]
+    return derivatives
 
 
 @njit(cache=True, nogil=True)
-def _propagate(tangents, start, each, found):  # type: ignore[no-untyped-def]
-    """Write products of step tangents and ``start`` to ``found``, one every ``each`` steps."""
+def _propagate(tangents, start, each, products):  # type: ignore[no-untyped-def]
+    """Write products of step tangents and ``start`` to ``products``, one every ``each`` steps."""
     for w in range(len(tangents)):
         now = start.copy()
-        found[w, 0] = now
+        products[w, 0] = now
         for q in range(tangents.shape[1]):
             now = np.dot(tangents[w, q], now)
             if (q + 1) % each == 0:
-                found[w, (q + 1) // each] = now
+                products[w, (q + 1) // each] = now
 
 
 def window_jacobian(s: Windows, solution: WindowSolution) -> WindowJacobian:
@@ -164,17 +164,19 @@ def fitted_windows(
     of_trends = s.trend_rows()
     for _ in range(rounds if np.isfinite(cost) else 0):  # diverged windows are not fitted
         J = window_jacobian(s, solution)
-        left = stacked_residual(solution)[:, None]
-        right = J.transposed_times(np.hstack([left, of_trends]))
+        residual = stacked_residual(solution)[:, None]
+        right = J.transposed_times(np.hstack([residual, of_trends]))
         diagonal = np.eye(STATES) * (np.einsum("wii->wi", J.own) + 1e-6)[:, :, None]
         while damping < 1e6:
             try:
-                found = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
+                solved = BlockTridiagonal(J.own + damping * diagonal, J.below).solve(right)
             except np.linalg.LinAlgError:
                 return solution
-            more = _trend_step(s, of_trends, left, right, found, damping)
-            step = found[:, :, 0] - found[:, :, 1:] @ more
-            tried = evaluated(s, solution.starts + step * s.scale, forcing, solution.trends + more)
+            trend_step = _trend_step(s, of_trends, residual, right, solved, damping)
+            step = solved[:, :, 0] - solved[:, :, 1:] @ trend_step
+            tried = evaluated(
+                s, solution.starts + step * s.scale, forcing, solution.trends + trend_step
+            )
             now = tried.cost
             if np.isfinite(now) and now < cost:
                 break
@@ -188,7 +190,7 @@ def fitted_windows(
 
 
 def _trend_step(
-    s: Windows, rows: Array, left: Array, right: Array, found: Array, damping: float
+    s: Windows, rows: Array, residual: Array, right: Array, solved: Array, damping: float
 ) -> Array:
     """Levenberg-Marquardt step (m,) of the trends, with the step of the states eliminated.
 
@@ -197,15 +199,15 @@ def _trend_step(
 
     Args:
         rows: (rows, m) of ``Windows.trend_rows``.
-        left: (rows, 1) of ``stacked_residual``.
-        right: (W, 18, 1 + m) J' times ``left`` and ``rows``, with the Jacobian J by the states.
-        found: (W, 18, 1 + m) solution of the damped normal equations of the states for ``right``.
+        residual: (rows, 1) of ``stacked_residual``.
+        right: (W, 18, 1 + m) J' times ``residual`` and ``rows``; J: Jacobian by the states.
+        solved: (W, 18, 1 + m) solution of the damped normal equations of the states for ``right``.
     """
     m = len(s.trends.size)
     if not m:
         return np.zeros(0)
-    by_states = np.einsum("wim,wik->mk", right[:, :, 1:], found)
+    by_states = np.einsum("wim,wik->mk", right[:, :, 1:], solved)
     normal = rows.T @ rows
     normal += damping * np.diag(np.diag(normal)) + np.diag(s.trends.size**-2.0)
-    step = np.linalg.solve(normal - by_states[:, 1:], (rows.T @ left)[:, 0] - by_states[:, 0])
+    step = np.linalg.solve(normal - by_states[:, 1:], (rows.T @ residual)[:, 0] - by_states[:, 0])
     return np.asarray(step)

@@ -22,31 +22,31 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
     """
     gear = builder.gear
     ring = is_ring(gear.model.layout)
-    found = []
+    coefficients = []
     for kind, on in (("sp", 1.0 - ring), ("rp", ring)):
         for what, function, bound in (
             ("k", "kappa", 0.02),
             ("c", "gamma", 0.04),
             ("e", "error", 0.02),
         ):
-            found.append(
+            coefficients.append(
                 builder.coefficient(f"{what}_{kind}", {function: on}, bound / 3**0.5, bound)
             )
     late = -gear.omegas[:, None]
     for name, function in (("delay of k", "shift k"), ("delay of e", "shift e")):
-        found.append(builder.coefficient(name, {function: late}, 2.5e-6, 5e-6))
-    for i, most in enumerate(MAX_FILTER_COEFFICIENTS):
+        coefficients.append(builder.coefficient(name, {function: late}, 2.5e-6, 5e-6))
+    for i, largest in enumerate(MAX_FILTER_COEFFICIENTS):
         name = f"filter {i + 1}"
-        found.append(builder.coefficient(name, {name: 1.0}, 0.5 * most, most))
+        coefficients.append(builder.coefficient(name, {name: 1.0}, 0.5 * largest, largest))
     of_quadrature: Weights = {(balance.NAME, "quadrature"): 1.0}
-    found.append(builder.coefficient("quadrature", of_quadrature, 0.3, 1.0))
+    coefficients.append(builder.coefficient("quadrature", of_quadrature, 0.3, 1.0))
     for mass in balance.MASSES:
         of_mass: Weights = {(o, mass): 1.0 for o in (balance.NAME, *builder.window_observation)}
-        found.append(builder.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
+        coefficients.append(builder.coefficient(mass, of_mass, 0.02 / 3**0.5, 0.0205))
     for gauge in gear.gauges:
         name = f"gain of {gauge}"
         of_gauge: Weights = {(o, name): 1.0 for o in builder.window_observation}
-        found.append(
+        coefficients.append(
             builder.coefficient(
                 name, of_gauge, GAUGE_GAIN_TOLERANCE / 3**0.5, GAUGE_GAIN_TOLERANCE
             )
@@ -54,8 +54,10 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
     for j, tolerance in enumerate(gear.gain_tolerance):
         if tolerance > 0.0 and gear.force_known[j] and not gear.uses_windows:
             weights = _force_gain(builder, j)
-            found.append(builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance))
-    return tuple(found)
+            coefficients.append(
+                builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance)
+            )
+    return tuple(coefficients)
 
 
 def _force_gain(builder: CoefficientBuilder, j: int) -> Weights:

@@ -127,7 +127,7 @@ class Trajectory(ForcedWindows):
             other = fitted_windows(
                 self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
-            solution = min(solution, other, key=lambda one: one.cost)
+            solution = min(solution, other, key=lambda fit: fit.cost)
         before = self._restart_chi2.get(key, self.nominal.cost)
         far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
         settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
@@ -202,24 +202,25 @@ class Trajectory(ForcedWindows):
     @cached_property
     def nominal(self) -> WindowSolution:
         """States fitted under the nominal law, from planets in step and out of step; the best."""
-        mine, of_whole = (
-            one.forcing(LawChange(), self.masses({}), ()) for one in (self, self._with_lead)
+        forcing, forcing_with_lead = (
+            trajectory.forcing(LawChange(), self.masses({}), ())
+            for trajectory in (self, self._with_lead)
         )
-        return filter_and_fit(self.recorded, mine, self._with_lead.recorded, of_whole)
+        return filter_and_fit(self.recorded, forcing, self._with_lead.recorded, forcing_with_lead)
 
     def _restarted(
-        self, forcing: Forcing, of_whole: Forcing, trends: Array
+        self, forcing: Forcing, forcing_with_lead: Forcing, trends: Array
     ) -> WindowSolution | None:
         """Fit states from those of a new filter pass; None if the filter diverges.
 
         Args:
             forcing: of the windows under the change.
-            of_whole: of the windows of the whole run, ``_with_lead``, under the change.
+            forcing_with_lead: of the windows of the whole run, ``_with_lead``, under the change.
             trends: (m,) initial amplitudes of the trends.
         """
-        whole = self._with_lead.windows.without_trends(trends)
+        with_lead = self._with_lead.windows.without_trends(trends)
         try:
-            starts, cost = filtered_starts(whole, of_whole, initial_states(whole))
+            starts, cost = filtered_starts(with_lead, forcing_with_lead, initial_states(with_lead))
         except np.linalg.LinAlgError:
             return None
         best = starts[int(np.argmin(np.nan_to_num(cost, nan=np.inf))), self.lead_windows :]

@@ -37,14 +37,14 @@ class WindowChannels:
 
     def only(self, i: int) -> WindowChannels:
         """Copy with channel i alone."""
-        one = slice(i, i + 1)
+        channel = slice(i, i + 1)
         return WindowChannels(
-            self.names[one],
-            self.of_u[one],
-            self.of_F[one],
-            self.of_a[one],
-            self.values[:, one],
-            self.sigma[one],
+            self.names[channel],
+            self.of_u[channel],
+            self.of_F[channel],
+            self.of_a[channel],
+            self.values[:, channel],
+            self.sigma[channel],
         )
 
     @property

@@ -64,14 +64,14 @@ def body_forces(
     model: Model,
     m: MeshMotion,
     now: Law,
-    wanted: Iterable[str],
+    names: Iterable[str],
     on_carrier: Sequence[Function] = (),
 ) -> Iterator[BodyForce]:
     """Yield the forces on bodies by unit amplitudes of friction, ripple and carrier functions.
 
     Args:
         m, now: motion of the meshes, and the force law there.
-        wanted: names of functions; those that are no force on a body are skipped.
+        names: of functions; those that are no force on a body are skipped.
         on_carrier: functions that are forces on the carrier.
     """
     of_carrier = {f.name: f for f in on_carrier}
@@ -81,17 +81,17 @@ def body_forces(
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
-    for name in wanted:
-        kind, *rest = name.split(" ")
+    for name in names:
+        kind, *words = name.split(" ")
         if kind == "friction":
-            j, g = int(rest[-1]), " ".join(rest[:-2])
+            j, g = int(words[-1]), " ".join(words[:-2])
             if not arms:
                 arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
-            of = arms["lever" if g == "lever" else "sign"]
-            yield BodyForce(name, of[j], np.abs(now.force[:, j]) * shapes[g])
+            arm = arms["lever" if g == "lever" else "sign"]
+            yield BodyForce(name, arm[j], np.abs(now.force[:, j]) * shapes[g])
         elif kind == "ripple":
-            trig = np.cos if rest[1] == "cos" else np.sin
-            yield BodyForce(name, drive, trig(int(rest[0]) * m.phase / turn))
+            trig = np.cos if words[1] == "cos" else np.sin
+            yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in of_carrier:
             yield BodyForce(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
 
@@ -102,7 +102,7 @@ def window_columns(
     m: MeshMotion,
     now: Law,
     functions: Sequence[Function],
-    wanted: Sequence[str],
+    names: Sequence[str],
 ) -> Array:
     """Response (rows, Q) of channels and jumps to unit amplitudes of functions, over the noise.
 
@@ -110,7 +110,7 @@ def window_columns(
         solution: states about which the motion is linearised.
         m, now: motion of the meshes at every step, and the force law there.
         functions: of the force law, wanted as ``FUNCTION of MESH``, and those on the carrier.
-        wanted: names of the Q columns, see ``function_names``.
+        names: of the Q columns, see ``function_names``.
     """
     inverse = s.inverse_masses
     directions: list[Array] = []
@@ -125,15 +125,15 @@ def window_columns(
         sizes.append(size)
         at.append(i)
 
-    place = {name: i for i, name in enumerate(wanted)}
+    place = {name: i for i, name in enumerate(names)}
     on_carrier = [f for f in functions if f.slot == "body"]
-    for push in body_forces(s.run.model, m, now, wanted, on_carrier):
+    for push in body_forces(s.run.model, m, now, names, on_carrier):
         add(place[push.name], inverse * push.direction, push.size)
     for f in functions:
-        of = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
-        if of:
+        meshes = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
+        if meshes:
             g = np.nan_to_num(force_column(f, m, now))
-            for j in of:
+            for j in meshes:
                 i = place[f"{f.name} of {j}"]
                 add(i, -inverse * s.G[j], g[:, j], each_mesh[j])
     total = body_loads(s.run.model, s.phase - s.run.delay_rad)[::2] - now.force @ s.G
@@ -141,21 +141,21 @@ def window_columns(
         if mass in place:
             for b in bodies:
                 add(place[mass], np.eye(len(inverse))[b] * inverse[b], total[:, b])
-    Q = len(wanted)
+    Q = len(names)
     rows = solution.residuals.size + solution.jumps.size
-    found = np.zeros((rows, Q))
+    columns = np.zeros((rows, Q))
     if at:
         size = np.stack(sizes)[
             :, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
         ]
         response = responses(s, solution, np.stack(directions), size, np.stack(on_meshes))
         for i, column in zip(at, response.T, strict=True):
-            found[:, i] += column
+            columns[:, i] += column
     c, u = s.channels, solution.states_of_all[:, : STATES // 2]
     exact = u @ c.of_u.T + now.force @ c.of_F.T + (total * inverse) @ c.of_a.T
     for name, value in error_columns(s, solution, exact, place).items():
-        found[: solution.residuals.size, place[name]] = value
-    return found
+        columns[: solution.residuals.size, place[name]] = value
+    return columns
 
 
 def responses(
@@ -221,7 +221,7 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
     model = s.run.model
     W, samples, k = s.weight.shape
     phase = s.phase[:: 2 * s.steps_per_sample][: W * samples].reshape(W, samples)
-    found, sizes = [], []
+    columns, sizes = [], []
     for i, name in enumerate(s.channels.names):
         if name[0] == "u":
             for trig in (np.cos, np.sin):
@@ -229,7 +229,7 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
                 wave[:, :, i] = s.weight[:, :, i] * trig(
                     phase / cycles_per_shaft_turn(model)[name[2]]
                 )
-                found.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
+                columns.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
                 sizes.append(ENCODER_ERROR_RAD * base_radius(model, name[2:]))
-    gratings = np.array(found).reshape(-1, W * samples * k + (W - 1) * STATES).T
+    gratings = np.array(columns).reshape(-1, W * samples * k + (W - 1) * STATES).T
     return np.hstack([gratings, s.trend_rows()]), np.append(sizes, s.trends.size)

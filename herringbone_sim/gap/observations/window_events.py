@@ -61,26 +61,26 @@ class Contacts:
             (n_mesh, bins, rows), over the noise. Bin i holds the sum over the times i, i + bins,
             i + 2 bins, ..., counted from mesh phase 0 as ``first_time`` is.
         """
-        of = self.response[kind]
-        found = np.zeros((len(of), bins, of.shape[2]))
-        done, times = 0, of.shape[1]
+        response = self.response[kind]
+        sums = np.zeros((len(response), bins, response.shape[2]))
+        done, times = 0, response.shape[1]
         while done < times:
             at = (self.first_time + done) % bins
-            more = min(bins - at, times - done)
-            found[:, at : at + more] += of[:, done : done + more]
-            done += more
-        return found
+            length = min(bins - at, times - done)
+            sums[:, at : at + length] += response[:, done : done + length]
+            done += length
+        return sums
 
 
-def contact_responses(one: Trajectory, block: Block) -> Contacts:
+def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
     """Response of the windows of a run to a damaged contact of each mesh at each time.
 
     Args:
-        one: windows of the run.
-        block: last block of ``one``; responses are linear about its states.
+        run_trajectory: windows of the run.
+        block: last block of ``run_trajectory``; responses are linear about its states.
     """
-    s = one.windows
-    solution, now, m = one.last_linearisation
+    s = run_trajectory.windows
+    solution, now, m = run_trajectory.last_linearisation
     at = s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
     cycles = m.phase[at] / (2.0 * np.pi)
     before = np.floor((cycles[:, 0] - HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
@@ -89,34 +89,34 @@ def contact_responses(one: Trajectory, block: Block) -> Contacts:
     away = cycles[None] - (before[None, :, None] + near[:, None, None]) / MIDDLES_PER_CYCLE
     shape = contact_shape(away)
     M = len(s.G)
-    clear = one.last_elimination.clear
+    clear = run_trajectory.last_elimination.clear
     times = int(before.max() - before.min()) + len(near)
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
     of_window = np.append(of_window, np.repeat(np.arange(W - 1), s.G.shape[1] * 2))
-    found = {}
+    by_kind = {}
     for kind, force in event_columns(m, now).items():
         size = shape[None] * force.T[:, at][:, None]
-        made = responses(
+        response = responses(
             s,
             solution,
             np.repeat(-s.inverse_masses * s.G, len(near), axis=0),
             size.reshape(-1, *size.shape[2:]),
             np.repeat(np.eye(M), len(near), axis=0),
         ).reshape(-1, M, len(near))
-        every = np.zeros((M, times, len(made)))
-        mesh_rows = np.arange(len(made))
+        at_times = np.zeros((M, times, len(response)))
+        mesh_rows = np.arange(len(response))
         for i in near:
-            every[:, before[of_window] - before.min() + i, mesh_rows] += made[:, :, i].T
-        flat = clear(every.reshape(-1, len(made)).T).T / block.sigma[0, 0]
-        found[kind] = flat.reshape(M, times, -1)
-    return Contacts(int(before.min()), found, block.residual[:, 0] / block.sigma[0, 0])
+            at_times[:, before[of_window] - before.min() + i, mesh_rows] += response[:, :, i].T
+        flat = clear(at_times.reshape(-1, len(response)).T).T / block.sigma[0, 0]
+        by_kind[kind] = flat.reshape(M, times, -1)
+    return Contacts(int(before.min()), by_kind, block.residual[:, 0] / block.sigma[0, 0])
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
     """Damaged teeth that remove most chi2, ``per_kind`` of each kind; see ``events.proposals``."""
     blocks = gear.blocks(amplitudes, {}, (trajectory.NAME,))
-    found = parallel_map(
+    contacts = parallel_map(
         lambda r: contact_responses(
             gear.trajectory_under(r, amplitudes), blocks[r][trajectory.NAME]
         ),
@@ -124,7 +124,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     )
     chosen = []
     for kind in EVENT_KINDS:
-        ranked = [e for member in MEMBERS for e in _best_events(gear, found, kind, member)]
+        ranked = [e for member in MEMBERS for e in _best_events(gear, contacts, kind, member)]
         ranked.sort(key=lambda c: -c[0])
         chosen += _distinct_events(gear, ranked)[:per_kind]
     return chosen
@@ -136,13 +136,13 @@ def _distinct_events(gear: Gear, ranked: Sequence[tuple[float, Event]]) -> list[
     Of events of a member that remove the same chi2, the one on most meshes stays, as a tooth meets
     all meshes of its member.
     """
-    found: dict[tuple[str, str], Event] = {}
+    distinct: dict[tuple[str, str], Event] = {}
     for squares, event in ranked:
         key = event.member, f"{squares:.5e}"
-        held = found.setdefault(key, event)
-        if _mesh_count(gear, event) > _mesh_count(gear, held):
-            found[key] = event
-    return list(found.values())
+        chosen = distinct.setdefault(key, event)
+        if _mesh_count(gear, event) > _mesh_count(gear, chosen):
+            distinct[key] = event
+    return list(distinct.values())
 
 
 def _mesh_count(gear: Gear, event: Event) -> int:
@@ -165,15 +165,15 @@ def _best_events(
             ways = [late for _, late in mesh_delays(gear, member)] if several else [0.0]
             sought += [(locus, late * np.ones(layout.n_mesh)) for late in ways]
     A, b = np.zeros((2, len(sought), bins))
-    for one in runs:
-        folded = one.folded(kind, bins)
+    for contacts in runs:
+        folded = contacts.folded(kind, bins)
         for i, (locus, late) in enumerate(sought):
             force_column = sum(
                 np.roll(folded[j], -round(late[j] * MIDDLES_PER_CYCLE), axis=0)
                 for j in np.flatnonzero(locus.mask(layout))
             )
             A[i] += np.einsum("br,br->b", force_column, force_column)
-            b[i] += force_column @ one.residual
+            b[i] += force_column @ contacts.residual
     fall = np.where((b > 0.0) | (kind != "tooth_crack"), b**2 / np.maximum(A, 1e-300), 0.0)
     for i, (locus, late) in enumerate(sought):
         top = int(np.argmax(fall[i]))

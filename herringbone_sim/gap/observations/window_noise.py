@@ -33,41 +33,45 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
         runs: all runs of a campaign, to which windows are fitted.
         known: whether the campaign gives the noise of all channels but detrended rotations.
     """
-    most = np.fmax.reduce([run.u.sigma for run in deciding(runs)])
+    largest = np.fmax.reduce([run.u.sigma for run in deciding(runs)])
 
     def learned(run: PreparedRun) -> PreparedRun:
         rotations = tuple(f"u_{body}" for body in run.model.layout.bodies)
-        told = np.array([known and name not in run.detrended for name in rotations])
-        sought = bool(np.any(run.u.recorded & ~told))
+        given = np.array([known and name not in run.detrended for name in rotations])
+        sought = bool(np.any(run.u.recorded & ~given))
         if not known:
             measured = (run.F, run.pin, run.a)
-            sought |= any(bool(one.recorded.any()) for one in measured)
+            sought |= any(bool(quantity.recorded.any()) for quantity in measured)
         if not (sought and run.shafts_known):
             return run
         trajectory = Trajectory(run)
-        left = trajectory.noise_left()
-        raised = np.fmax(run.u.sigma, np.minimum(_of(rotations, left), most))
-        run = replace(run, u=run.u.with_noise(np.where(told, run.u.sigma, raised)))
+        residual_rms = trajectory.noise_left()
+        raised = np.fmax(run.u.sigma, np.minimum(_of(rotations, residual_rms), largest))
+        run = replace(run, u=run.u.with_noise(np.where(given, run.u.sigma, raised)))
         if known:
             return run
         meshes = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
         pins = run.model.layout.channels_of("pin")
-        run = replace(run, F=_lowered(run.F, meshes, left), pin=_lowered(run.pin, pins, left))
+        run = replace(
+            run, F=_lowered(run.F, meshes, residual_rms), pin=_lowered(run.pin, pins, residual_rms)
+        )
         _, samples, k = trajectory.recorded.measured.shape
         if samples * k <= STATES:
             return run
         accelerations = tuple(f"a_{body}" for body in run.model.layout.bodies)
-        return replace(run, a=_lowered(run.a, accelerations, left))
+        return replace(run, a=_lowered(run.a, accelerations, residual_rms))
 
     return tuple(parallel_map(learned, runs))
 
 
-def _lowered(channels: Measured, names: Sequence[str], left: Mapping[str, float]) -> Measured:
-    """Channels with noise lowered to the RMS residual ``left``, not below quantisation."""
-    lowered = np.fmin(channels.sigma, _of(names, left))
+def _lowered(
+    channels: Measured, names: Sequence[str], residual_rms: Mapping[str, float]
+) -> Measured:
+    """Channels with noise lowered to the RMS residual ``residual_rms``, not below quantisation."""
+    lowered = np.fmin(channels.sigma, _of(names, residual_rms))
     return channels.with_noise(at_least_quantisation(lowered, channels.values))
 
 
-def _of(names: Sequence[str], left: Mapping[str, float]) -> Array:
-    """RMS residuals ``left`` of channels (k,), NaN where missing or 0."""
-    return np.array([left.get(name) or np.nan for name in names])
+def _of(names: Sequence[str], residual_rms: Mapping[str, float]) -> Array:
+    """RMS residuals ``residual_rms`` of channels (k,), NaN where missing or 0."""
+    return np.array([residual_rms.get(name) or np.nan for name in names])

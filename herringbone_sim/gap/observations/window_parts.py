@@ -41,8 +41,9 @@ class WindowPartTrial(PartTrial):
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
         """Yield the row of the windows without and with the part, states projected out."""
-        model, one = self.gear.model, self.gear.trajectory_under(run.number, self._amplitudes)
-        s, solution = one.windows, one.last_linearisation[0]
+        model = self.gear.model
+        run_trajectory = self.gear.trajectory_under(run.number, self._amplitudes)
+        s, solution = run_trajectory.windows, run_trajectory.last_linearisation[0]
         drive = self._drive(run, seat)
         at = np.flatnonzero(drive.meshes_mask.any(axis=0))
         (q,) = drive.motions([seat])
@@ -52,20 +53,20 @@ class WindowPartTrial(PartTrial):
             d=run.change.d + q[:, :, 0] @ reach,
             d_rate=run.change.d_rate + q[:, :, 1] @ reach,
         )
-        more = (law(run.strided, change).force - law(run.strided, run.change).force)[:, at]
+        forces = (law(run.strided, change).force - law(run.strided, run.change).force)[:, at]
         directions, on_meshes = -s.inverse_masses * s.G[at], np.eye(len(s.G))[at]
         if seat.effect == "bearing_clearance":
             _, mass = pin_meshes(model, seat.locus)
             push = -mass * np.gradient(q[:, 0, 1], run.strided.times)
-            more = np.column_stack([more, push])
+            forces = np.column_stack([forces, push])
             directions = np.vstack(
                 [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
             )
             on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
-        size = more.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)]
+        size = forces.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
         weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
         before = block.residual[:, 0] * weight
-        after = before - one.last_elimination.clear(pushed[:, None])[:, 0] * weight
+        after = before - run_trajectory.last_elimination.clear(pushed[:, None])[:, 0] * weight
         yield trajectory.NAME, 0, before, after, np.ones(len(before))

@@ -23,7 +23,9 @@ def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
     def kind(name: str) -> str:
         return "pin" if name.startswith("F_pin") else name[0]
 
-    return [(one, other) for one, other in combinations(names, 2) if kind(one) == kind(other)]
+    return [
+        (first, second) for first, second in combinations(names, 2) if kind(first) == kind(second)
+    ]
 
 
 def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
@@ -39,7 +41,7 @@ def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
     gain, bias, delay, clock = (
         np.array([amplitudes.get(f"{error} of {name}", 0.0) for name in names]) for error in ERRORS
     )
-    if not any(np.any(one) for one in (gain, bias, delay, clock)):
+    if not any(np.any(errors) for errors in (gain, bias, delay, clock)):
         return s
     share = 1.0 + gain
     return replace(
@@ -52,31 +54,31 @@ def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
 
 
 def error_columns(
-    s: Windows, solution: WindowSolution, exact: Array, wanted: Container[str]
+    s: Windows, solution: WindowSolution, exact: Array, names: Container[str]
 ) -> dict[str, Array]:
     """Change (W samples k,) of all readings by a unit of each wanted error, over the noise.
 
     Args:
         exact: (n, k) channels without errors, predicted at every step.
-        wanted: names, ``ERROR of CHANNEL`` or ``swap of A and B``.
+        names: ``ERROR of CHANNEL`` or ``swap of A and B``.
     """
-    found = {}
+    columns = {}
     for i, name in enumerate(s.channels.names):
         for error in ERRORS:
-            if f"{error} of {name}" in wanted:
+            if f"{error} of {name}" in names:
                 alone = np.zeros_like(s.weight)
                 alone[:, :, i] = s.weight[:, :, i] * _error_signal(s, solution, exact, i, error)
-                found[f"{error} of {name}"] = alone.ravel()
+                columns[f"{error} of {name}"] = alone.ravel()
     for pair in exchangeable(s.channels.names):
         swap = f"{SWAP_PREFIX}{' and '.join(pair)}"
-        if swap in wanted:
+        if swap in names:
             i, j = (s.channels.names.index(name) for name in pair)
             both = np.zeros_like(s.weight)
             read = s.weight[:, :, (i, j)].all(axis=2)
             apart = np.where(read, s.measured[:, :, i] - s.measured[:, :, j], 0.0)
             both[:, :, i], both[:, :, j] = s.weight[:, :, i] * apart, -s.weight[:, :, j] * apart
-            found[swap] = both.ravel()
-    return found
+            columns[swap] = both.ravel()
+    return columns
 
 
 def _error_signal(

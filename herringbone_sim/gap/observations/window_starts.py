@@ -31,28 +31,28 @@ FILTER_TOLERANCE = 1e-2  # relative decrease of a window's chi2 below which its 
 
 
 def filter_and_fit(
-    s: Windows, forcing: Forcing, whole: Windows, of_whole: Forcing
+    s: Windows, forcing: Forcing, with_lead: Windows, forcing_with_lead: Forcing
 ) -> WindowSolution:
     """Filter several initial states, fit the best, and return the best fit.
 
     Args:
         s, forcing: windows to fit, and their forcing.
-        whole, of_whole: windows that begin earlier, so that the filter converges before those of
-            ``s``, and their forcing.
+        with_lead, forcing_with_lead: windows that begin earlier, so that the filter
+            converges before those of ``s``, and their forcing.
     """
-    found: list[WindowSolution] = []
+    fits: list[WindowSolution] = []
     trends = np.zeros(len(s.trends.size))
     lacking = not s.run.means_known or bool(s.run.model.packed.K and s.run.u.recorded.any())
     for _ in range(N_FILTERED if lacking else 1):
-        right = whole.without_trends(trends)
-        starts, cost = filtered_starts(right, of_whole, initial_states(right))
-        starts = starts[:, whole.n_windows - s.n_windows :]
-        found += [
+        right = with_lead.without_trends(trends)
+        starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+        starts = starts[:, with_lead.n_windows - s.n_windows :]
+        fits += [
             fitted_windows(s, starts[i], forcing, trends=trends)
             for i in np.argsort(cost)[:N_FITTED]
         ]
-        trends = min(found, key=lambda solution: solution.cost).trends
-    return min(found, key=lambda solution: solution.cost)
+        trends = min(fits, key=lambda solution: solution.cost).trends
+    return min(fits, key=lambda solution: solution.cost)
 
 
 def initial_states(s: Windows) -> Array:
@@ -60,13 +60,13 @@ def initial_states(s: Windows) -> Array:
     rng = np.random.default_rng(0)
     in_step = symmetric_starts(s)[0]
     hidden = 3 + np.flatnonzero(~s.run.u.recorded[3:])
-    found = [in_step]
+    states = [in_step]
     for share in OUT_OF_STEP if len(hidden) > 1 else ():
         off = np.zeros((2, STATES // 2))
         off[:, hidden] = rng.standard_normal((2, len(hidden)))
         off[:, hidden] -= off[:, hidden].mean(axis=1, keepdims=True)
-        found.append(in_step + share * off.ravel() * s.scale)
-    return np.array(found)
+        states.append(in_step + share * off.ravel() * s.scale)
+    return np.array(states)
 
 
 def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, Array]:
@@ -79,18 +79,18 @@ def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, 
         Start states (K, W, 18) and total chi2 (K,).
     """
     K, eye = len(first), np.eye(STATES)
-    found, cost = np.empty((K, s.n_windows, STATES)), np.zeros(K)
+    starts, cost = np.empty((K, s.n_windows, STATES)), np.zeros(K)
     expected = first / s.scale
     spread = np.asarray(np.broadcast_to(eye, (K, STATES, STATES)), dtype=np.float64)
     for w in range(s.n_windows):
         precision = np.asarray(np.linalg.inv(spread), dtype=np.float64)
         z, now, normal, passed, end = _window(s, forcing, w, expected, precision)
-        found[:, w] = z * s.scale
+        starts[:, w] = z * s.scale
         cost += now
         expected = end
         spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP_SD**2 * eye
         spread = np.asarray(0.5 * (spread + spread.transpose(0, 2, 1)), dtype=np.float64)
-    return found, cost
+    return starts, cost
 
 
 def _window(

@@ -37,16 +37,16 @@ class BlockTridiagonal:
 
     def solve(self, right: Array) -> Array:
         """Solution (W, n, k) for right sides (W, n, k)."""
-        found = np.empty_like(right)
+        solution = np.empty_like(right)
         for w in range(len(right)):
-            rest = right[w] - self._below[w - 1] @ found[w - 1] if w else right[w]
-            found[w] = self._inverse[w] @ rest
+            remainder = right[w] - self._below[w - 1] @ solution[w - 1] if w else right[w]
+            solution[w] = self._inverse[w] @ remainder
         for w in range(len(right) - 1, -1, -1):
-            rest = found[w]
+            remainder = solution[w]
             if w + 1 < len(right):
-                rest = rest - self._below[w].T @ found[w + 1]
-            found[w] = self._inverse[w].T @ rest
-        return found
+                remainder = remainder - self._below[w].T @ solution[w + 1]
+            solution[w] = self._inverse[w].T @ remainder
+        return solution
 
 
 class WindowJacobian:
@@ -82,11 +82,11 @@ class WindowJacobian:
     def transposed_times(self, rows: Array) -> Array:
         """J' times k vectors (rows, k), as (W, n, k)."""
         (W, m, n), k = self._readings.shape, rows.shape[1]
-        found = self._readings.transpose(0, 2, 1) @ rows[: W * m].reshape(W, m, k)
+        product = self._readings.transpose(0, 2, 1) @ rows[: W * m].reshape(W, m, k)
         ties = rows[W * m :].reshape(W - 1, n, k)
-        found[:-1] += self._ends.transpose(0, 2, 1) @ ties
-        found[1:] -= self._start * ties
-        return np.asarray(found)
+        product[:-1] += self._ends.transpose(0, 2, 1) @ ties
+        product[1:] -= self._start * ties
+        return np.asarray(product)
 
 
 def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
@@ -138,11 +138,11 @@ class StateElimination:
     def clear(self, rows: Array) -> Array:
         """Clear vectors (rows, k); return (rows + m, k), the last m rows by the columns' prior."""
         extra = np.zeros((len(self._normal), rows.shape[1]))
-        found = np.vstack([self._without_states(rows), extra])
+        cleared = np.vstack([self._without_states(rows), extra])
         if not len(extra):
-            return found
+            return cleared
         return np.asarray(
-            found - self._columns @ np.linalg.solve(self._normal, self._columns.T @ found)
+            cleared - self._columns @ np.linalg.solve(self._normal, self._columns.T @ cleared)
         )
 
     def leverage(self) -> float:

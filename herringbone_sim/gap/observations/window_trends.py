@@ -45,15 +45,15 @@ def trends_of(
         "u": float(np.max(run.model.half_backlash_m)),
         "a": 2.0 * motion * run.omega_rad_per_s / (run.times[-1] - run.times[0]),
     }
-    found, size = [], []
-    for one, name in zip(np.eye(len(channels.names)), channels.names, strict=True):
+    trends, size = [], []
+    for channel, name in zip(np.eye(len(channels.names)), channels.names, strict=True):
         if name in run.detrended or name[0] == "a":
-            found += [wave[..., None] * one for wave in waves]
+            trends += [wave[..., None] * channel for wave in waves]
             size += [largest[name[0]]] * len(waves)
     if run.model.packed.K and np.any(channels.of_u):
         swing = rigid_swing(run)[: W * samples] @ channels.of_u.T
-        found.append(-swing.reshape(W, samples, -1))
+        trends.append(-swing.reshape(W, samples, -1))
         size.append(1.0)
     return Trends(
-        np.array(found).reshape(-1, W, samples, len(channels.names)), np.array(size, dtype=float)
+        np.array(trends).reshape(-1, W, samples, len(channels.names)), np.array(size, dtype=float)
     )

@@ -54,45 +54,50 @@ def nonlinear_trials(
     count, n = len(gear.runs), len(known.coefficients)
     about = known.mean.copy()
     about[:tolerances] = 0.0
-    made = amplitudes(known.coefficients, about, count, rows)
-    near = parallel_map(lambda r: gear.states(r, made), range(count))
-    left = [
+    known_amplitudes = amplitudes(known.coefficients, about, count, rows)
+    near = parallel_map(lambda r: gear.states(r, known_amplitudes), range(count))
+    chi2_by_run = [
         solution.cost / np.count_nonzero(t.recorded.weight)
         for solution, t in zip(near, gear.trajectories, strict=True)
     ]
-    far = [r for r in np.argsort(left).tolist() if left[r] > MAX_FIT_CHI2]
+    far = [r for r in np.argsort(chi2_by_run).tolist() if chi2_by_run[r] > MAX_FIT_CHI2]
     trials: list[tuple[Hypothesis, Array]] = []
-    for one, linear in ranked:
-        own = linear[n : n + one.n_own]
-        if _is_swap(one):
-            trials.append((one, np.append(about, 1.0)))
-        elif isinstance(one.source, Seat):
-            center = np.array([c.center for c in one.coefficients])
+    for hypothesis, linear in ranked:
+        sizes = linear[n : n + hypothesis.n_own]
+        if _is_swap(hypothesis):
+            trials.append((hypothesis, np.append(about, 1.0)))
+        elif isinstance(hypothesis.source, Seat):
+            center = np.array([c.center for c in hypothesis.coefficients])
             leading = np.arange(len(center)) == 1  # logarithm of stiffness or clearance
             trials += [
-                (one, np.concatenate([about, center + leading * k])) for k in PART_LOG_FACTORS
+                (hypothesis, np.concatenate([about, center + leading * k]))
+                for k in PART_LOG_FACTORS
             ]
-        elif np.any(own) and all(c.scales_with_effect and not c.center for c in one.coefficients):
-            unit = np.array([c.sd for c in one.coefficients[: one.n_own]])
-            moderate = own / np.linalg.norm(own / unit)
-            rest = np.zeros(len(one.coefficients) - one.n_own)
-            trials += [(one, np.concatenate([about, moderate * k, rest])) for k in SIZE_FACTORS]
+        elif np.any(sizes) and all(
+            c.scales_with_effect and not c.center for c in hypothesis.coefficients
+        ):
+            unit = np.array([c.sd for c in hypothesis.coefficients[: hypothesis.n_own]])
+            moderate = sizes / np.linalg.norm(sizes / unit)
+            zeros = np.zeros(len(hypothesis.coefficients) - hypothesis.n_own)
+            trials += [
+                (hypothesis, np.concatenate([about, moderate * k, zeros])) for k in SIZE_FACTORS
+            ]
 
     def share_left(r: int, i: int, rounds: int) -> float:
         """Chi2 of run r with trial i over that without it; at most 1, also where it diverges."""
-        one, start = trials[i]
-        of_trial = amplitudes((*known.coefficients, *one.coefficients), start, count, rows)
-        if _is_swap(one):
+        hypothesis, start = trials[i]
+        of_trial = amplitudes((*known.coefficients, *hypothesis.coefficients), start, count, rows)
+        if _is_swap(hypothesis):
             return float(np.fmin(gear.states(r, of_trial).cost / near[r].cost, 1.0))
         return float(np.fmin(gear.cost_near(r, near[r], of_trial, rounds) / near[r].cost, 1.0))
 
     used = list(zip(far, ROUNDS_BY_RUN, strict=False))
     share = np.ones(len(trials))
-    swaps = [i for i, (one, _) in enumerate(trials) if _is_swap(one)]
+    swaps = [i for i, (hypothesis, _) in enumerate(trials) if _is_swap(hypothesis)]
     if used and swaps:
         share[swaps] = parallel_map(partial(share_left, far[0], rounds=0), swaps)
         i = min(swaps, key=lambda i: float(share[i]))
-        if share[i] < SURE_SHARE and share[i] * left[far[0]] < MAX_FIT_CHI2:
+        if share[i] < SURE_SHARE and share[i] * chi2_by_run[far[0]] < MAX_FIT_CHI2:
             return [(float(known.in_sample * share[i]), *trials[i])]
     chosen = [i for i in range(len(trials)) if i not in swaps]
     for r, rounds in used:
@@ -108,6 +113,6 @@ def nonlinear_trials(
     return best
 
 
-def _is_swap(one: Hypothesis) -> bool:
+def _is_swap(hypothesis: Hypothesis) -> bool:
     """Whether a hypothesis is a swap of channels, which is present or absent."""
-    return one.effect == "channel_swap"
+    return hypothesis.effect == "channel_swap"

@@ -129,14 +129,14 @@ class Windows:
 
         These are by the state u, v at the sample; the channel is read at u - late v, v.
         """
-        at, one = self.late_steps(i, begin, alone), self.channels.only(i)
+        at, channel = self.late_steps(i, begin, alone), self.channels.only(i)
         window, start = np.arange(len(states))[:, None], begin[:, None] // 2
         run = None if alone else steps_of_run(states)
         value, slope = np.zeros(at.middle.shape), np.zeros((*at.middle.shape, STATES))
         for q, weight in zip((-1, 0, 1), at.weights, strict=True):
             n = at.middle + q
             there = states[window, n - start] if run is None else run[n]
-            shown, by_state = channel_outputs(one, there, forcing, 2 * n)
+            shown, by_state = channel_outputs(channel, there, forcing, 2 * n)
             value += weight * shown[..., 0]
             slope += weight[..., None] * by_state[..., 0, :]
         half = STATES // 2

@@ -94,12 +94,12 @@ class Plan:
 
     def of_effect(self, effect: str) -> tuple[Detectability, ...]:
         """Detectability of an effect at all its places."""
-        return tuple(one for one in self.detectabilities if one.effect == effect)
+        return tuple(d for d in self.detectabilities if d.effect == effect)
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Ids of the effects in ``detectabilities``."""
-        return tuple(dict.fromkeys(one.effect for one in self.detectabilities))
+        return tuple(dict.fromkeys(d.effect for d in self.detectabilities))
 
 
 def plan(
@@ -150,7 +150,7 @@ def plan(
     detectabilities = tuple(
         _detectability(i, hypotheses, information, machine.estimates_states) for i in visible
     )
-    sought = {one.effect for one in detectabilities}
+    sought = {d.effect for d in detectabilities}
     others = [name for name in known_effects() if name not in sought]
     parts = tuple(n for n in others if n in (*SEAT_PARAMETERS, "channel_swap"))
     return Plan(
@@ -264,20 +264,22 @@ def _probabilities(
         beside them), and probability of the true place, given the true effect.
     """
     h, count = hypotheses[i], information.count
-    made = partial(_candidate, count=count, by_density=by_density)
-    none = made((), Locus(), count + information.seen(i, size), 0)
-    own = made((h.effect,), h.locus, count + h.n_own, h.n_own)
+    candidate_of = partial(_candidate, count=count, by_density=by_density)
+    none = candidate_of((), Locus(), count + information.seen(i, size), 0)
+    true_candidate = candidate_of((h.effect,), h.locus, count + h.n_own, h.n_own)
     others = [
-        made((r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own)
+        candidate_of(
+            (r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own
+        )
         for j, r in ((j, hypotheses[j]) for j in rivals)
     ]
-    singles = sorted((own, *others), key=lambda c: c.chi2)
+    singles = sorted((true_candidate, *others), key=lambda c: c.chi2)
     judged = chances(Evidence(count, (none, *singles), {}, {}))
     total: dict[str, float] = {}
-    for one in judged:
-        name = one.effects[0] if one.effects else "none"
-        total[name] = total.get(name, 0.0) + one.probability
-    place = sum(one.probability for one in judged if one.candidate is own)
+    for chance in judged:
+        name = chance.effects[0] if chance.effects else "none"
+        total[name] = total.get(name, 0.0) + chance.probability
+    place = sum(chance.probability for chance in judged if chance.candidate is true_candidate)
     return total, place / max(total[h.effect], 1e-300)
 
 

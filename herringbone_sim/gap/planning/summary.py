@@ -46,17 +46,17 @@ class EffectSummary:
 
 def effect_summaries(plan: Plan) -> list[EffectSummary]:
     """Summaries of all effects, sorted by the median size relative to the moderate one."""
-    found = [_row(plan.of_effect(effect)) for effect in plan.effects]
-    return sorted(found, key=lambda row: (row.median / row.moderate, row.best / row.moderate))
+    rows = [_row(plan.of_effect(effect)) for effect in plan.effects]
+    return sorted(rows, key=lambda row: (row.median / row.moderate, row.best / row.moderate))
 
 
-def _row(of: Sequence[Detectability]) -> EffectSummary:
+def _row(detectabilities: Sequence[Detectability]) -> EffectSummary:
     """Summary of the detectabilities of one effect."""
-    sizes = np.array([one.named_from for one in of])
-    best = of[int(np.argmin(sizes))]
-    named = [one for one in of if math.isfinite(one.named_from)]
-    rivals = [one.rival for one in of]
-    runs = np.mean([one.run_shares for one in of], axis=0)
+    sizes = np.array([d.named_from for d in detectabilities])
+    best = detectabilities[int(np.argmin(sizes))]
+    named = [d for d in detectabilities if math.isfinite(d.named_from)]
+    rivals = [d.rival for d in detectabilities]
+    runs = np.mean([d.run_shares for d in detectabilities], axis=0)
     return EffectSummary(
         best.effect,
         best.unit,
@@ -65,10 +65,10 @@ def _row(of: Sequence[Detectability]) -> EffectSummary:
         float(np.sort(sizes)[(len(sizes) - 1) // 2]),
         float(sizes.max()),
         best,
-        len(of),
-        float(np.mean([one.place_probability >= NAMED for one in named])) if named else 0.0,
+        len(detectabilities),
+        float(np.mean([d.place_probability >= NAMED for d in named])) if named else 0.0,
         max(sorted(set(rivals)), key=rivals.count),
-        float(np.median([one.rival_leaves for one in of])),
+        float(np.median([d.rival_leaves for d in detectabilities])),
         int(np.argmax(runs)),
     )
 
@@ -119,15 +119,17 @@ def sensors_text(plan: Plan) -> str:
     return f"{len(plan.sensors)} channels ({plan.sensors[0]} ... {plan.sensors[-1]})"
 
 
-def place_text(one: Detectability) -> str:
+def place_text(detectability: Detectability) -> str:
     """Mesh, planet, side and options of an effect as text, such as ``sp/2/L, order 2``.
 
     All meshes are ``all``. For sensor effects the text names up to two channels, else the quantity
     and the locus.
     """
-    options = dict(one.options)
+    options = dict(detectability.options)
     channels = options.pop("channels", None)
-    text = "/".join((one.locus.mesh, one.locus.planet, one.locus.side))
+    text = "/".join(
+        (detectability.locus.mesh, detectability.locus.planet, detectability.locus.side)
+    )
     text = text.replace("all/all/all", "all")
     if isinstance(channels, tuple):
         quantity, _, place = channels[0].partition("_")
@@ -174,19 +176,21 @@ def _plan(plan: Plan) -> dict[str, Any]:
         "not_planned": list(plan.not_planned),
         "effects": [
             {
-                "effect": one.effect,
-                "locus": vars(one.locus).copy(),
-                "options": {k: list(v) if isinstance(v, tuple) else v for k, v in one.options},
-                "unit": one.unit,
-                "moderate": one.moderate,
-                "named_from": _finite(one.named_from),
-                "seen_from": _finite(one.detected_from),
-                "rival": one.rival,
-                "rival_leaves": one.rival_leaves,
-                "place": one.place_probability,
-                "runs": list(one.run_shares),
+                "effect": detectability.effect,
+                "locus": vars(detectability.locus).copy(),
+                "options": {
+                    k: list(v) if isinstance(v, tuple) else v for k, v in detectability.options
+                },
+                "unit": detectability.unit,
+                "moderate": detectability.moderate,
+                "named_from": _finite(detectability.named_from),
+                "seen_from": _finite(detectability.detected_from),
+                "rival": detectability.rival,
+                "rival_leaves": detectability.rival_leaves,
+                "place": detectability.place_probability,
+                "runs": list(detectability.run_shares),
             }
-            for one in plan.detectabilities
+            for detectability in plan.detectabilities
         ],
     }
 

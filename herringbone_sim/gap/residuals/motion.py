@@ -102,8 +102,8 @@ def recalibrate_motion(
     normal: Array = prior
     for _ in range(rounds):
         normal, right = prior.copy(), prior @ (1.0 - p)
-        for run, one, noise in chosen:
-            J, r = _linearised(run, one, noise, p)
+        for run, fused_motion, noise in chosen:
+            J, r = _linearised(run, fused_motion, noise, p)
             normal += J @ J.T
             right += J @ r
         p = p + bounded_step(normal, right, low - p, high - p + 1e-12)

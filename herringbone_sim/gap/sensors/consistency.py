@@ -77,8 +77,8 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     inverse = np.linalg.pinv(B)
     # z lacks the rigid rotation; it is estimated from u by least squares over the bodies.
     there = run.u.recorded
-    one = rigid[there] / max(float(rigid[there] @ rigid[there]), 1.0)
-    along = (run.u.values - z @ inverse.T)[:, there] @ one
+    weights = rigid[there] / max(float(rigid[there] @ rigid[there]), 1.0)
+    along = (run.u.values - z @ inverse.T)[:, there] @ weights
     u = z @ inverse.T + np.outer(along, rigid)
     y = np.nan_to_num(np.hstack([fused.x, fused.v, u]))
     slope = np.gradient(y, run.step_s, axis=0)
@@ -157,7 +157,7 @@ def relations(
         noise[n : 2 * n] = of_rate
         columns = white @ _channel_derivatives(run)[known]
         result.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
-    return [one for one in result if one.columns.size]
+    return [relation for relation in result if relation.columns.size]
 
 
 def increment_whitening(run: PreparedRun) -> Array:
@@ -183,10 +183,10 @@ def increment_whitening(run: PreparedRun) -> Array:
     if good.shape[1] == len(white):
         return white
     near = qr(good.T, mode="r", pivoting=True)[1][: good.shape[1]]
-    kept = np.zeros_like(white)
+    projected = np.zeros_like(white)
     if len(near):
-        kept[near] = polar(good[near])[0] @ good.T @ white
-    return kept
+        projected[near] = polar(good[near])[0] @ good.T @ white
+    return projected
 
 
 def _channel_derivatives(run: PreparedRun) -> Array:

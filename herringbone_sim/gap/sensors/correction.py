@@ -31,17 +31,17 @@ def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     v, u and a with an effect that can't be undone are marked as not recorded. A ``clock_drift``
     without channels is that of the whole recording and changes its time stamps.
     """
-    for one in actives:
-        if one.effect.id == "clock_drift" and not one.chosen.get("channels"):
-            run = _with_times(run, run.times / (1.0 + 1e-6 * one.theta[0]))
-        elif one.effect.level == "sensor":
-            names = _affected_channels(run, one)
-            if one.effect.id == "channel_swap":
+    for active in actives:
+        if active.effect.id == "clock_drift" and not active.chosen.get("channels"):
+            run = _with_times(run, run.times / (1.0 + 1e-6 * active.theta[0]))
+        elif active.effect.level == "sensor":
+            names = _affected_channels(run, active)
+            if active.effect.id == "channel_swap":
                 run = _swapped(run, names)
-            elif one.effect.id in UNDO:
-                undo = UNDO[one.effect.id]
+            elif active.effect.id in UNDO:
+                undo = UNDO[active.effect.id]
                 for name in names:
-                    run = _with_undo(run, name, undo, one.theta[0])
+                    run = _with_undo(run, name, undo, active.theta[0])
             else:
                 run = without_channels(run, names)
     return run
@@ -49,7 +49,7 @@ def correct_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
 
 def correct_motion_sensors(run: PreparedRun, actives: Sequence[Active]) -> PreparedRun:
     """Remove those effects from a run that ``is_motion_sensor_effect`` accepts."""
-    return correct_sensors(run, [one for one in actives if is_motion_sensor_effect(one)])
+    return correct_sensors(run, [active for active in actives if is_motion_sensor_effect(active)])
 
 
 def without_sensor_error(
@@ -73,20 +73,20 @@ def without_sensor_error(
     return _with_undo(run, names[0], undo, 1.0 + size if kind == "gain" else size)
 
 
-def is_motion_sensor_effect(one: Active) -> bool:
+def is_motion_sensor_effect(active: Active) -> bool:
     """Whether an effect is one of sensors or clock, and not of force sensors (F) alone."""
-    wanted = one.chosen.get("channels", ())
-    names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
-    return one.effect.level == "sensor" and not (
+    channels = active.chosen.get("channels", ())
+    names = (channels,) if isinstance(channels, str) else tuple(channels)
+    return active.effect.level == "sensor" and not (
         names and all(name.split("_")[0] == "F" for name in names)
     )
 
 
-def _affected_channels(run: PreparedRun, one: Active) -> tuple[str, ...]:
+def _affected_channels(run: PreparedRun, active: Active) -> tuple[str, ...]:
     """Return the names of the channels x, v, u and a that a sensor effect acts on."""
     names = tuple(n for q in QUANTITIES for n in run.model.layout.channels_of(q))
     empty = TimeSeries(run.times, np.zeros((len(run), len(names))), names)
-    return tuple(n for n in channels_of(empty, one) if not n.startswith("F"))
+    return tuple(n for n in channels_of(empty, active) if not n.startswith("F"))
 
 
 def _column(run: PreparedRun, name: str) -> tuple[str, int]:
@@ -115,11 +115,11 @@ def _swapped(run: PreparedRun, names: Sequence[str]) -> PreparedRun:
     """Exchange two channels, noise included; a run that lacks one of them stays as it is."""
     if len(names) != 2:
         return run
-    (one, i), (other, j) = (_column(run, name) for name in names)
-    a, b = getattr(run, one), getattr(run, other)
+    (first, i), (second, j) = (_column(run, name) for name in names)
+    a, b = getattr(run, first), getattr(run, second)
     if not (a.recorded[i] and b.recorded[j]):
         return run
-    shown = (one, i, b.values[:, j], b.sigma[j]), (other, j, a.values[:, i], a.sigma[i])
+    shown = (first, i, b.values[:, j], b.sigma[j]), (second, j, a.values[:, i], a.sigma[i])
     for quantity, column, of_other, noise in shown:
         measured: Measured = getattr(run, quantity)
         values, sigma = measured.values.copy(), measured.sigma.copy()

@@ -27,8 +27,8 @@ def settle_detrended(runs: Sequence[PreparedRun]) -> list[PreparedRun]:
 
     All runs are treated alike, by ``only_windows_possible`` of the fit runs.
     """
-    kept = only_windows_possible(runs)
-    return [with_nominal_means(run) if kept else without_detrended(run) for run in runs]
+    windows_only = only_windows_possible(runs)
+    return [with_nominal_means(run) if windows_only else without_detrended(run) for run in runs]
 
 
 def only_windows_possible(runs: Sequence[PreparedRun]) -> bool:

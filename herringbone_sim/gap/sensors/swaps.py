@@ -43,15 +43,18 @@ def _falls(run: PreparedRun, a: Indices, b: Indices) -> Array:
     both = len(difference) * (variance[a] + variance[b])
     apart = np.sum(difference**2, axis=0) > APART * both
     falls = np.zeros(len(a))
-    for one in relations(run, values[:, :, None]):
-        d = one.signals[:, a, 0] - one.signals[:, b, 0]
-        own = variance * one.noise
-        pattern = one.columns[:, a] - one.columns[:, b]
+    for relation in relations(run, values[:, :, None]):
+        d = relation.signals[:, a, 0] - relation.signals[:, b, 0]
+        scaled_variance = variance * relation.noise
+        pattern = relation.columns[:, a] - relation.columns[:, b]
         noise = np.einsum(
-            "dp,dp->p", pattern, one.columns[:, a] * own[a] - one.columns[:, b] * own[b]
+            "dp,dp->p",
+            pattern,
+            relation.columns[:, a] * scaled_variance[a]
+            - relation.columns[:, b] * scaled_variance[b],
         )
-        along = np.einsum("tp,tp->p", one.residual @ pattern, d) - len(d) * noise
+        along = np.einsum("tp,tp->p", relation.residual @ pattern, d) - len(d) * noise
         size = np.sum(pattern**2, axis=0)
-        square = size * (np.sum(d**2, axis=0) - len(d) * (own[a] + own[b]))
+        square = size * (np.sum(d**2, axis=0) - len(d) * (scaled_variance[a] + scaled_variance[b]))
         falls += 2.0 * along - square
     return np.where(apart & known[a] & known[b], falls, 0.0)

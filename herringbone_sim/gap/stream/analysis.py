@@ -105,7 +105,7 @@ def residual(
         run = without_detrended(
             prepare_run(CampaignRun(Path("stream"), point, "fit"), recording, gear, noise_share)
         )
-        x, v, F, u = (_with_least_noise(one) for one in (run.x, run.v, run.F, run.u))
+        x, v, F, u = (_with_least_noise(measured) for measured in (run.x, run.v, run.F, run.u))
         run = replace(run, x=x, v=v, F=F, u=u)
         fused = fuse(run)
         remarks += tuple(finding.text for finding in run.findings)

@@ -197,7 +197,7 @@ class Comparison:
             series = stream.take()
             if series is not None:
                 self._add(stream, series)
-        found = join(tuple(self._residuals)) if self._residuals else None
+        joined = join(tuple(self._residuals)) if self._residuals else None
         rig, simulator = (
             join_motions(tuple(self._motions[stream])) if self._motions[stream] else None
             for stream in (self.rig, self.simulator)
@@ -205,7 +205,7 @@ class Comparison:
         result = ComparisonResult(
             self.rig.status(),
             self.simulator.status(),
-            found,
+            joined,
             len(self._residuals),
             rig,
             simulator,
@@ -269,8 +269,8 @@ def _difference_of_points(rig: MotionStatistics, simulator: MotionStatistics) ->
             "start it with the rig's model to compare the motions"
         )
     points = (
-        ", ".join(f"{name} {value:.4g}" for name, value in one.point.items())
-        for one in (rig, simulator)
+        ", ".join(f"{name} {value:.4g}" for name, value in motion.point.items())
+        for motion in (rig, simulator)
     )
     return (
         "the motions are not compared, the simulator runs at another operating point: rig "

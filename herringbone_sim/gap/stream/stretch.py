@@ -83,12 +83,12 @@ class Residual:
                 return {}
             shares = _shares(self.contact_square, self.contact_count)
             return dict(zip(CONTACTS, map(float, shares), strict=True))
-        found: dict[str, float] = {}
+        totals: dict[str, float] = {}
         for place, share in zip(self.places, self.shares, strict=True):
             part = _part(place, factor)
             if part:
-                found[part] = found.get(part, 0.0) + float(share)
-        return found
+                totals[part] = totals.get(part, 0.0) + float(share)
+        return totals
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
     """
     full = nominal.changed({"model": "full"})
     n = full.layout.n_mesh
-    s, p, c = (1.0 / one for one in model.inverse)
+    s, p, c = (1.0 / inverse for inverse in model.inverse)
     changes: dict[str, Any] = {
         "k_m_sp": full.k_m_sp * model.factors[0],
         "k_m_rp": full.k_m_rp * model.factors[1],

@@ -44,15 +44,15 @@ def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float
 
     Torque and speed stay above ``LOWEST_SHARE`` of their smallest value, the others above 0.
     """
-    found = {}
+    ranges = {}
     for name in POINT:
         values = [float(p[name]) for p in points if name in p] or [0.0]
         low, high = min(values), max(values)
         share = LEAST_MARGIN_SHARE.get(name, 0.0)
         margin = max(MARGIN * (high - low), LEAST_MARGIN.get(name, share * float(np.mean(values))))
         floor = min(low, LOWEST_SHARE * low if name in LEAST_MARGIN_SHARE else 0.0)
-        found[name] = (max(low - margin, floor), high + margin)
-    return found
+        ranges[name] = (max(low - margin, floor), high + margin)
+    return ranges
 
 
 def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -62,14 +62,16 @@ def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, fl
     lattice modulo a prime: Korobov, Number-Theoretic Methods in Approximate Analysis (1963).
     """
     ranges = value_ranges(points)
-    found = []
+    candidates = []
     for i in range(1, LEVELS + 1):
         shares = {
             name: ((i * g) % (LEVELS + 1) - 1) / (LEVELS - 1)
             for name, g in zip(POINT, GENERATORS, strict=True)
         }
-        found.append({n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()})
-    return found
+        candidates.append(
+            {n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()}
+        )
+    return candidates
 
 
 def _level(name: str, share: float, low: float, high: float) -> float:

@@ -67,7 +67,7 @@ def explanation_of(effects: Sequence[NamedEffect]) -> NamedExplanation:
         tuple(n.active for n in effects),
         tuple(n.intervals for n in effects),
         tuple(n.law for n in effects if n.law is not None),
-        tuple(one for n in effects for one in n.departures),
+        tuple(departure for n in effects for departure in n.departures),
     )
 
 
@@ -86,14 +86,14 @@ def decide(
         metric: observation in which the gap is measured.
     """
     named_first = dict.fromkeys(name for c in chances for name in c.effects or ("none",))
-    every = dict.fromkeys((*named_first, *known_effects(), "none", "unknown"))
-    probabilities = {name: 0.0 for name in every}
+    names = dict.fromkeys((*named_first, *known_effects(), "none", "unknown"))
+    probabilities = {name: 0.0 for name in names}
     present = dict(probabilities)  # probability that an effect is there, alone or in a pair
     best: dict[str, tuple[NamedExplanation, int]] = {}
-    for i, one in enumerate(chances):
-        for j, name in enumerate(one.effects or ("none",)):
-            probabilities[name] += one.probability / max(len(one.effects), 1)
-            present[name] += one.probability
+    for i, chance in enumerate(chances):
+        for j, name in enumerate(chance.effects or ("none",)):
+            probabilities[name] += chance.probability / max(len(chance.effects), 1)
+            present[name] += chance.probability
             if i in explanations:
                 best.setdefault(name, (explanations[i], j))
     top = max(probabilities, key=lambda name: probabilities[name])
@@ -155,11 +155,11 @@ def _ambiguous_class(probabilities: Mapping[str, float]) -> tuple[str, ...]:
         (n for n in probabilities if n not in ("none", "unknown")),
         key=lambda n: -probabilities[n],
     )
-    total, found = 0.0, []
-    whole = sum(probabilities[n] for n in ranked)
+    total, named = 0.0, []
+    sum_of_all = sum(probabilities[n] for n in ranked)
     for name in ranked[:MOST_NAMED]:
-        found.append(name)
+        named.append(name)
         total += probabilities[name]
-        if total >= CLASS_PROBABILITY * whole:
+        if total >= CLASS_PROBABILITY * sum_of_all:
             break
-    return tuple(found) if len(found) > 1 else ()
+    return tuple(named) if len(named) > 1 else ()

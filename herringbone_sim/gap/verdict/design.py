@@ -136,18 +136,18 @@ def _predictable_quantity(
 
 
 def _separations(
-    one: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
+    case: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
 ) -> list[Separation]:
     """Separation by one run, for each ordered pair of explanations (target, fitted)."""
-    predictions = linear_predictions(one, explanations, quantity)
+    predictions = linear_predictions(case, explanations, quantity)
     return [separation(target, fitted) for target, fitted in permutations(predictions, 2)]
 
 
 def _sum(runs: Sequence[list[Separation]]) -> list[Separation]:
     """Sum of separations over runs, for each pair."""
     total = runs[0]
-    for one in runs[1:]:
-        total = [a + b for a, b in zip(total, one, strict=True)]
+    for separations in runs[1:]:
+        total = [a + b for a, b in zip(total, separations, strict=True)]
     return total
 
 
@@ -195,9 +195,9 @@ def _chance(count: float) -> float:
     return float(3.1 * np.sqrt(2.0 / count))
 
 
-def _largest_force(one: FusedRun) -> float:
+def _largest_force(case: FusedRun) -> float:
     """Largest absolute mesh force [N] of a run; that of the force law where none is measured."""
-    force = one.run.F.values
+    force = case.run.F.values
     if not np.isfinite(force).any():
-        force = force_law(one.run, one.fused, np.ones(6)).modelled_n
+        force = force_law(case.run, case.fused, np.ones(6)).modelled_n
     return float(np.nanmax(np.abs(force)))

@@ -80,12 +80,14 @@ def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> di
     located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
     return {
         "shares": {factor: _share(share) for factor, share in located.shares.items()},
-        "teeth": {member: list(one.beyond) for member, one in located.teeth.items()},
+        "teeth": {
+            member: list(periodicity.beyond) for member, periodicity in located.teeth.items()
+        },
         "shaft_orders": list(located.shaft.beyond),
     }
 
 
-def _share(one: Share) -> list[dict[str, Any]]:
+def _share(share: Share) -> list[dict[str, Any]]:
     """Plain data of a share: for each value of its factor, name, share and reduced chi2."""
-    rows = zip(one.labels, one.share, one.reduced_chi2, strict=True)
+    rows = zip(share.labels, share.share, share.reduced_chi2, strict=True)
     return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]

@@ -122,11 +122,11 @@ class Separation:
     def least(self) -> float:
         """Sum of squares of the difference after the fit, with parameters inside their bounds."""
         scale = 1.0 / np.sqrt(np.maximum(np.diag(self.A), 1e-300))
-        whole = self.A * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-        root = np.linalg.cholesky(whole).T
+        scaled = self.A * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        root = np.linalg.cholesky(scaled).T
         right = np.linalg.solve(root.T, scale * self.b)
-        found = lsq_linear(root, right, bounds=(self.low / scale, self.high / scale))
-        beta = scale * found.x
+        solution = lsq_linear(root, right, bounds=(self.low / scale, self.high / scale))
+        beta = scale * solution.x
         return max(float(self.chi2 - 2.0 * self.b @ beta + beta @ self.A @ beta), 0.0)
 
 
@@ -144,31 +144,31 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 
 
 def linear_predictions(
-    one: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
+    case: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
 ) -> list[LinearPrediction]:
     """Predictions of explanations in a run, one for each.
 
     Args:
-        one: run with its fused motion.
+        case: run with its fused motion.
         explanations: at their best fits.
         quantity: ``FORCES``: mesh forces; ``BALANCE``: accelerations by the torques of effects,
             with measured mesh forces; ``MOTION``: accelerations by the forces of the law as well.
     """
     if quantity == FORCES:
-        predictor: _Forces | _Bodies = _Forces(one)
+        predictor: _Forces | _Bodies = _Forces(case)
     else:
-        predictor = _bodies(one, explanations[0], quantity == MOTION)
-    return [_linear_prediction(predictor, one, explanation) for explanation in explanations]
+        predictor = _bodies(case, explanations[0], quantity == MOTION)
+    return [_linear_prediction(predictor, case, explanation) for explanation in explanations]
 
 
 def _linear_prediction(
-    predictor: _Forces | _Bodies, one: FusedRun, explanation: ExplanationAtFit
+    predictor: _Forces | _Bodies, case: FusedRun, explanation: ExplanationAtFit
 ) -> LinearPrediction:
     """Prediction of one explanation, with derivatives by finite differences for its effects.
 
     Parameters that bend the law of an effect (``Parameter.bends``) are not varied.
     """
-    law = force_law(one.run, one.fused, explanation.factors)
+    law = force_law(case.run, case.fused, explanation.factors)
     values = predictor.values(explanation, law, explanation.actives)
     columns = [*predictor.tolerances(explanation, law)]
     low, high = (list(bound) for bound in predictor.bounds(explanation))
@@ -280,18 +280,18 @@ class _Bodies:
         return white
 
 
-def _bodies(one: FusedRun, explanation: ExplanationAtFit, motion: bool) -> _Bodies:
+def _bodies(case: FusedRun, explanation: ExplanationAtFit, motion: bool) -> _Bodies:
     """Predictor of accelerations for a run, linearised at the calibration of an explanation."""
-    run, model = one.run, one.run.model
+    run, model = case.run, case.run.model
     through = bodies_to_coordinates(model) / masses(model)
     of_force = np.tensordot(explanation.inverse, inertia_parts(model), axes=1)
     if not motion:
-        balance = torque_balance(run, one.fused)
-        return _Bodies(one, balance, through, of_force, BALANCE_WIDTH, False)
+        balance = torque_balance(run, case.fused)
+        return _Bodies(case, balance, through, of_force, BALANCE_WIDTH, False)
     noise = fused_noise(run, np.random.default_rng(SEED))
-    balance = motion_balance(run, one.fused, noise, explanation.factors, explanation.inverse)
-    law = force_law(run, one.fused, explanation.factors)
-    return _Bodies(with_law_forces(one, law), balance, through, of_force, MOTION_WIDTH, True)
+    balance = motion_balance(run, case.fused, noise, explanation.factors, explanation.inverse)
+    law = force_law(run, case.fused, explanation.factors)
+    return _Bodies(with_law_forces(case, law), balance, through, of_force, MOTION_WIDTH, True)
 
 
 def _of_kinds(column: Array) -> tuple[Array, Array]:

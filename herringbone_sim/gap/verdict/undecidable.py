@@ -76,6 +76,6 @@ def _other_explanations(verdict: Verdict) -> list[str]:
     alone["unknown"] = alone.get("unknown", 0.0) - 0.5 * sum(c.probability for c in incomplete)
     mentioned = {*alike, *verdict.effects, verdict.verdict}
     others = [name for name in alone if alone[name] > POSSIBLE and name not in mentioned]
-    for name in sorted(others, key=lambda one: -alone[one]):
+    for name in sorted(others, key=lambda other: -alone[other]):
         sentences.append(f"{OTHER.get(name, name)} is not excluded: probability {alone[name]:.0%}")
     return sentences

@@ -95,15 +95,15 @@ def model_motion(
     turn = phase_step(run)
     before = SETTLE * round(2.0 * np.pi / turn)
     start = run.phase[:1] - before * turn
-    found = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
-    force = found.force_n[0, before:]
+    simulated = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
+    force = simulated.force_n[0, before:]
     names = run.model.layout.channels_of("F")
     sensors = on_channels(names, actives)
     if sensors:
         force = distort(TimeSeries(run.times, force, names), sensors).columns(names)
     return SampledMotion(
-        found.z[0, before:] + noise.z,
-        found.z_rate[0, before:] + noise.z_rate,
+        simulated.z[0, before:] + noise.z,
+        simulated.z_rate[0, before:] + noise.z_rate,
         np.where(np.isfinite(run.F.values), force, np.nan),
     )
 
@@ -130,14 +130,14 @@ def statistics(run: PreparedRun, motion: SampledMotion, first: int, scale: Array
     )
 
 
-def distances(one: Statistics, other: Statistics) -> dict[str, float]:
+def distances(stats: Statistics, other: Statistics) -> dict[str, float]:
     """Return the distance of two motions in each statistic of ``UNITS``; NaN if not measured."""
-    contact = 0.5 * np.abs(one.contact - other.contact).sum(axis=1)
+    contact = 0.5 * np.abs(stats.contact - other.contact).sum(axis=1)
     return {
         "contact": float(contact.mean()),
-        "load_sharing": rms(one.sharing - other.sharing),
-        "spectrum": rms(one.bands - other.bands),
-        "section": _energy_distance(one.points, other.points),
+        "load_sharing": rms(stats.sharing - other.sharing),
+        "spectrum": rms(stats.bands - other.bands),
+        "section": _energy_distance(stats.points, other.points),
     }
 
 
@@ -152,15 +152,15 @@ def half_statistics(
 
 
 def mean_distances(
-    one: tuple[Statistics, Statistics], other: tuple[Statistics, Statistics]
+    halves: tuple[Statistics, Statistics], other_halves: tuple[Statistics, Statistics]
 ) -> dict[str, float]:
     """Return the distance of two motions in each of ``UNITS``, mean over all pairs of halves.
 
     Args:
-        one, other: statistics of the first and the second half of each motion.
+        halves, other_halves: statistics of the first and the second half of each motion.
     """
-    found = [distances(a, b) for a in one for b in other]
-    return {name: float(np.mean([d[name] for d in found])) for name in UNITS}
+    by_pair = [distances(a, b) for a in halves for b in other_halves]
+    return {name: float(np.mean([d[name] for d in by_pair])) for name in UNITS}
 
 
 def scale_of(fused: Fused) -> Array:
@@ -208,10 +208,10 @@ def _sections(states: Array, phase: Array) -> Array:
     return np.stack(cuts)
 
 
-def _energy_distance(one: Array, other: Array) -> float:
+def _energy_distance(points: Array, other: Array) -> float:
     """Return the root of the mean energy distance (Szekely and Rizzo 2013) over the sections."""
     squares = [
         2.0 * cdist(a, b).mean() - cdist(a, a).mean() - cdist(b, b).mean()
-        for a, b in zip(one, other, strict=True)
+        for a, b in zip(points, other, strict=True)
     ]
     return float(np.sqrt(max(np.mean(squares), 0.0)))

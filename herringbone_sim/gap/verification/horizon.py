@@ -104,25 +104,25 @@ def largest_exponent(
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
     cycles = max(int(run.cycles), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
-    own = np.zeros((2, simulator.laws.n_own))
+    effect_states = np.zeros((2, simulator.laws.n_own))
     tangent = rng.normal(size=2 * m)
     growth = np.empty(cycles)
     tangent *= SEPARATION / np.linalg.norm(tangent)
     for cycle in range(cycles):
         pair = np.stack([state, state + tangent * unit])
         phase = np.full(2, run.phase[0] + 2.0 * np.pi * cycle)
-        found = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, own)
-        ends = np.hstack([found.z[:, 1], found.z_rate[:, 1]])
-        state, own = ends[0], found.own[:1, 1].repeat(2, axis=0)
+        simulated = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, effect_states)
+        ends = np.hstack([simulated.z[:, 1], simulated.z_rate[:, 1]])
+        state, effect_states = ends[0], simulated.own[:1, 1].repeat(2, axis=0)
         tangent = (ends[1] - ends[0]) / unit
         length = float(np.linalg.norm(tangent))
         if not np.isfinite(length) or length == 0.0:
             return float("nan"), float("nan")
         growth[cycle] = np.log(length / SEPARATION)
         tangent *= SEPARATION / length
-    kept = growth[cycles // 5 :]
-    batches = np.array([part.mean() for part in np.array_split(kept, min(10, len(kept)))])
-    return float(kept.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
+    settled = growth[cycles // 5 :]
+    batches = np.array([part.mean() for part in np.array_split(settled, min(10, len(settled)))])
+    return float(settled.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
 
 
 def states_of_effects(
@@ -171,7 +171,7 @@ def _predict(
     z_rate: Array,
     simulator: GearSimulator,
     horizon: Horizon,
-    own: Array,
+    effect_states: Array,
 ) -> Array:
     """Simulate from each start; return coordinates (s, samples, n_coordinate) [m] after the start.
 
@@ -180,13 +180,13 @@ def _predict(
         z, z_rate: (n, n_coordinate) measured motion [m], [m/s], which holds the initial states.
         simulator: of the model.
         horizon: start samples and length.
-        own: (s, n_own) states of effects at the starts.
+        effect_states: (s, n_own) at the starts.
     """
     at = horizon.starts
-    found = simulator.run(
-        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, own
+    simulated = simulator.run(
+        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, effect_states
     )
-    return found.z[:, 1:]
+    return simulated.z[:, 1:]
 
 
 def _after_starts(z: Array, horizon: Horizon) -> Array:

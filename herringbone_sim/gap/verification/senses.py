@@ -117,15 +117,19 @@ def measure_senses(
     names = ("measured", "floor", *MODELS[: 2 if other is None else 3])
     return Senses(
         residual=residual,
-        prediction=Gap("prediction", tuple(one.prediction for one in measured)),
-        attractor=Gap("attractor", tuple(one.attractor for one in measured)),
-        horizon_cycles={r.name: one.horizon for r, one in zip(runs, measured, strict=True)},
-        exponents={r.name: one.exponent for r, one in zip(runs, measured, strict=True)},
+        prediction=Gap("prediction", tuple(run_senses.prediction for run_senses in measured)),
+        attractor=Gap("attractor", tuple(run_senses.attractor for run_senses in measured)),
+        horizon_cycles={
+            r.name: run_senses.horizon for r, run_senses in zip(runs, measured, strict=True)
+        },
+        exponents={
+            r.name: run_senses.exponent for r, run_senses in zip(runs, measured, strict=True)
+        },
         numbers={
             name: {
-                r.name: one.numbers[name]
-                for r, one in zip(runs, measured, strict=True)
-                if name in one.numbers
+                r.name: run_senses.numbers[name]
+                for r, run_senses in zip(runs, measured, strict=True)
+                if name in run_senses.numbers
             }
             for name in names
         },
@@ -248,5 +252,10 @@ def _exponent_of_data(stats: Statistics, fused: Fused, scale: Array) -> dict[str
     """Estimate the largest Lyapunov exponent from the measured Poincare section at phase 0."""
     variance = np.concatenate([np.diag(fused.z_cov), np.diag(fused.z_rate_cov)]) / scale**2
     noise = float(np.sqrt(variance.mean()))
-    found = exponent_of_data(stats.points[0], np.random.default_rng(SEED), noise)
-    return {"value": found.value, "low": found.low, "high": found.high, "reason": found.reason}
+    exponent = exponent_of_data(stats.points[0], np.random.default_rng(SEED), noise)
+    return {
+        "value": exponent.value,
+        "low": exponent.low,
+        "high": exponent.high,
+        "reason": exponent.reason,
+    }

@@ -233,11 +233,11 @@ def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
     law = force_law(c.run, c.fused, model.factors)
     c = with_law_forces(c, law)
     through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
-    for one in model.actives:
-        if one.effect.level == "body":
-            after = after - effect_accelerations(c, model.factors, law, one, WIDTH)
-        elif one.effect.level == "mesh":
-            force = effect_contributions(c, model.factors, law, (one,))[0]
+    for active in model.actives:
+        if active.effect.level == "body":
+            after = after - effect_accelerations(c, model.factors, law, active, WIDTH)
+        elif active.effect.level == "mesh":
+            force = effect_contributions(c, model.factors, law, (active,))[0]
             after = after - window_of(c.run, WIDTH).average(force) @ through.T
     return RunGap(run.name, run.role, rms(before.residual), rms(after), rms(balance.sigma))
 
