@@ -30,8 +30,10 @@ class Verdict:
     Attributes:
         samples: number of samples compared.
         changes: number of recorded parameter changes applied during the repetition.
-        first_difference: index of the first sample in which a bit differs; -1 if all agree.
-        largest_difference: largest absolute difference over all channels, each in its SI unit.
+        first_difference: index of the first sample in which a bit differs, or that the repetition
+            lacks because it diverged before; -1 if all agree.
+        largest_difference: largest absolute difference over all channels, each in its SI unit;
+            infinite if the repetition diverged before the end of the recording.
     """
 
     samples: int
@@ -47,7 +49,8 @@ class Verdict:
 def verify(recording: Recording) -> Verdict:
     """Integrate a recorded run again and compare each sample with the recording bit for bit.
 
-    If the repetition diverges, only the samples up to that point are compared.
+    If the repetition diverges, only the samples up to that point are compared; the next one, if
+    there is any, counts as a difference.
 
     Raises:
         RecordingError: the run is not one of this simulator, its parameters or start state are
@@ -59,11 +62,13 @@ def verify(recording: Recording) -> Verdict:
         same = (rows.view(np.int64) == np.ascontiguousarray(recorded).view(np.int64)).all(axis=1)
         if not same.all():
             difference = np.abs(rows - recorded)
-            largest = max(largest, float(np.nanmax(difference)))
+            largest = max(largest, float(np.nanmax(difference, initial=0.0)))
             if first < 0:
                 first = at + int(np.argmin(same))
         at += len(rows)
         changes += made
+    if at < len(recording.samples):
+        first, largest = at if first < 0 else first, np.inf
     return Verdict(at, changes, first, largest)
 
 
@@ -111,22 +116,24 @@ def repeat(recording: Recording) -> Iterator[tuple[Array, int]]:
 
 
 def _start(recording: Recording) -> tuple[State, Parameters, tuple[Active, ...], Clock]:
-    told = recording.channels
-    if told.state is None or not told.parameters:
+    channels = recording.channels
+    if channels.state is None or not channels.parameters:
         raise RecordingError(
             f"{recording.name} does not say its parameters and initial state: only a run of this "
             "simulator can be repeated"
         )
-    parameters, actives = gear_of_values(told.parameters)
-    if told.state.index >= parameters.steps:
+    parameters, actives = gear_of_values(channels.parameters)
+    if channels.state.index >= parameters.steps:
         raise RecordingError(
-            f"{recording.name} starts at step {told.state.index} of a cycle of "
+            f"{recording.name} starts at step {channels.state.index} of a cycle of "
             f"{parameters.steps}: its state and its parameters are not those of one run"
         )
-    y = np.array(told.state.y)
+    y = np.array(channels.state.y)
     nothing = np.empty((0, len(y)))
-    state = State(y, told.state.cycle, told.state.index, told.state.t, nothing, np.empty(0))
-    return state, parameters, actives, told.clock
+    state = State(
+        y, channels.state.cycle, channels.state.index, channels.state.t, nothing, np.empty(0)
+    )
+    return state, parameters, actives, channels.clock
 
 
 def _cuts(recording: Recording) -> list[tuple[int, dict[str, Any]]]:

@@ -10,15 +10,15 @@ import numpy as np
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.gear import laws
+from herringbone_sim.effects.gear import in_order, laws
 from herringbone_sim.effects.lanes.batch import LaneStepper
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.slots import Slots
 
 
 def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Return the effects that change the motion: all but sensor effects."""
-    return tuple(one for one in actives if one.effect.level != "sensor")
+    """Return the effects that change the motion, all but sensor effects, ``in_order``."""
+    return tuple(in_order([one for one in actives if one.effect.level != "sensor"]))
 
 
 def in_slots(actives: Sequence[Active]) -> bool:
@@ -33,7 +33,8 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
     laws of all effects, see ``by_laws``; slots then only give its period and the edges of events.
 
     Raises:
-        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
+        ParameterError: a locus that the gear lacks, a mesh without the effect's member, or two
+            effects that bend the spring force, or the damping, of one mesh.
     """
     chosen = acting(actives)
     return _in_slots(model, chosen) if in_slots(chosen) else by_laws(model, chosen)

@@ -92,7 +92,12 @@ def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
 
 
 def between(times: Array, values: Array, at: Array) -> Array:
-    """Return values (m,) at times ``at`` (m,) by Akima interpolation, constant beyond the ends."""
+    """Return values (m,) at times ``at`` (m,) by Akima interpolation, constant beyond the ends.
+
+    ``times`` and ``values`` (n,) may be a single sample, which then has no slope.
+    """
+    if len(times) < 2:
+        return np.broadcast_to(values, at.shape)
     inside = np.clip(at, times[0], times[-1])
     found: Array = Akima1DInterpolator(times, values)(inside)
     return found

@@ -135,6 +135,8 @@ class Effect:
             the gear, see ``effects.slots``; None for an effect that no slot represents.
         place: (model, mask (n_mesh,), options) -> ``site`` (rows, n_mesh), constants for the laws.
         excite, react, drive: compiled laws, see ``effects.law``.
+        last: whether ``excite`` acts after that of all other effects, in whatever order they are
+            listed, as a loss of the whole stiffness does.
         lanes: whether the laws use the functions of ``core.lanes.vector``, by which they run in
             lanes too, see docs/effects.md.
         states: (model) -> number of state variables that the effect adds.
@@ -158,6 +160,7 @@ class Effect:
     excite: Any = no_excite
     react: Any = no_react
     drive: Any = no_drive
+    last: bool = False
     lanes: bool = False
     states: Callable[[Model], int] = field(default=lambda model: 0)
     distort: Distort | None = None
@@ -236,11 +239,13 @@ def active(
 ) -> Active:
     """Return an effect at a place with ``values`` of parameters and options by name.
 
-    Missing ones have their start values. The locus is not checked against ``effect.loci``.
+    Missing ones have their start values. The locus may be wider or narrower than ``effect.loci``.
 
     Raises:
-        ParameterError: an unknown name, or a value that is out of bounds or no choice.
+        ParameterError: an unknown name, a value that is out of bounds or no choice, or a locus
+            where the effect can't act.
     """
+    _check_locus(effect, locus)
     values = dict(values or {})
     theta = tuple(_number(effect, p, values.pop(p.name, p.start)) for p in effect.parameters)
     options = {o.name: _choice(effect, o, values.pop(o.name, o.start)) for o in effect.options}
@@ -252,9 +257,30 @@ def active(
     return Active(effect, theta, locus, tuple(options.items()))
 
 
+def _check_locus(effect: Effect, locus: Locus) -> None:
+    """Raise ParameterError for a locus without the meshes of an effect.
+
+    A name in a pattern of ``loci``, such as ``rp``, excludes other names. A body effect that has
+    ``all`` alone does not act on meshes, and no part of them can be chosen.
+    """
+    parts = (str(locus.mesh), str(locus.planet), str(locus.side))
+    everywhere = ("all", "all", "all")
+    whole = effect.level == "body" and effect.loci == (everywhere,)
+    fits = [
+        all(of in ("all", "*", part) or part == "all" for of, part in zip(one, parts, strict=True))
+        for one in effect.loci
+    ]
+    if not any(fits) or (whole and parts != everywhere):
+        raise ParameterError(
+            f"{effect.id} acts at {' or '.join('/'.join(one) for one in effect.loci)}, got "
+            f"{shown('/'.join(parts))}: choose such a place (*: any name), or leave it out"
+        )
+
+
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
     """Return a value as a float; ParameterError unless it is neutral or within the bounds."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    numbers = (int, float, np.integer, np.floating)
+    if isinstance(value, bool) or not isinstance(value, numbers):
         raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
         raise ParameterError(

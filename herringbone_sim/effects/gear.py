@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -85,13 +86,18 @@ class Laws:
         return int(self.first[-1])
 
 
+def in_order(actives: Sequence[Active]) -> list[Active]:
+    """Return effects in the order in which they act: those that are ``last`` after all others."""
+    return sorted(actives, key=lambda one: one.effect.last)
+
+
 def laws(model: Model, actives: Sequence[Active]) -> Laws:
-    """Return laws and constants of active effects; sensor effects are left out.
+    """Return laws and constants of active effects ``in_order``; sensor effects are left out.
 
     Raises:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
-    mine = [one for one in actives if one.effect.level != "sensor"]
+    mine = in_order([one for one in actives if one.effect.level != "sensor"])
     used, chosen = len(mine), _padded(mine)
     own = [one.effect.states(model) for one in chosen]
     excite, react, drive = pointers(mine, (EXCITE, REACT, DRIVE))
@@ -211,9 +217,26 @@ def scratch(model: Model, n_own: int) -> Scratch:
     return Scratch(free, *(np.zeros(size) for size in sizes))
 
 
+_lock = threading.Lock()
+_inside: list[None] = []  # an entry for each ``pointers_allowed`` that is entered
+_filters = ExitStack()  # restores the warning filters, which are global to the process
+
+
 @contextmanager
 def pointers_allowed() -> Iterator[None]:
-    """Suppress Numba's warning that calls through function pointers are experimental."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+    """Suppress Numba's warning that calls through function pointers are experimental.
+
+    Several threads may be inside at a time: the last to leave restores the warning filters.
+    """
+    with _lock:
+        if not _inside:
+            _filters.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+        _inside.append(None)
+    try:
         yield
+    finally:
+        with _lock:
+            _inside.pop()
+            if not _inside:
+                _filters.close()

@@ -6,7 +6,6 @@ order 5 with error control, and steps end at kinks, see ``effects.located``.
 
 from __future__ import annotations
 
-import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scr
 from herringbone_sim.effects.rows import cross, run
 
 Indices = NDArray[np.int64]
-_COMPILING = threading.Lock()  # warning filters are global to the process
 
 
 class _Stage(NamedTuple):
@@ -118,7 +116,7 @@ class LawStepper(Stepper):
         if kernel not in self._entries:
             self._entries[kernel] = kernel
             if hasattr(kernel, "compile"):
-                with _COMPILING, pointers_allowed():
+                with pointers_allowed():
                     kinds = tuple(typeof(one) for one in (self.gear, *args))
                     self._entries[kernel] = entry_point(kernel, kinds)
         return self._entries[kernel](self.gear, *args)

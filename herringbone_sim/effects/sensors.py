@@ -98,7 +98,7 @@ class Sensors:
         rows = np.concatenate([self.before[-count:] if count else ahead, block.rows, ahead])
         first = min(count, len(self.before))
         self.before = np.concatenate([self.before, block.rows])[-max(count, HISTORY) :]
-        if len(rows) < 2:
+        if not len(rows):
             return block
         return replace(block, rows=self._distorted(rows)[first : first + len(block.rows)])
 

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.core.packed import Packed
+from herringbone_sim.errors import ParameterError, listed
 
 
 class Slots:
@@ -89,7 +91,7 @@ class Slots:
             period: (n,) mesh cycles between events.
             position: (n,) mesh cycle of the middle of the first event.
             width: mesh cycles from onset to end.
-            stiffness: (n,) relative loss of k at the middle, 0 for none.
+            stiffness: (n,) loss of k at the middle as a share of k with all effects, 0 for none.
             displacement: (n,) d at the middle [m].
         """
         acts = (stiffness != 0.0) | (displacement != 0.0)
@@ -102,19 +104,30 @@ class Slots:
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
         """Set the spring force of masked meshes to k f (|f| / reference)^(exponent - 1).
 
-        The reference is in m.
+        The reference is in m. ParameterError for a mesh whose spring force is bent already.
         """
         here = mask > 0.0
+        self._check_straight(here & (self._law[1] != 1.0), "spring force")
         self._law[0, here], self._law[1, here] = reference / self.model.scales.b_c, exponent
 
     def bend_damping(self, mask: Array, share: float, power: float, depth: float) -> None:
         """Set the damping of masked meshes to c v [1 - share + share (|f| / depth)^power].
 
-        The depth is in m.
+        The depth is in m. ParameterError for a mesh whose damping is bent already.
         """
         here = mask > 0.0
+        self._check_straight(here & (self._law[2] != 0.0), "damping")
         self._law[2, here], self._law[3, here] = share, power
         self._law[4, here] = depth / self.model.scales.b_c
+
+    def _check_straight(self, bent: NDArray[np.bool_], what: str) -> None:
+        """Raise ParameterError, which names the meshes (n,) that are bent, if there are any."""
+        if bent.any():
+            meshes = [m for m, one in zip(self.model.layout.meshes, bent, strict=True) if one]
+            raise ParameterError(
+                f"one effect alone may bend the {what} of a mesh, got a further one at "
+                f"{listed(meshes)}: give each meshes of its own, or leave one out"
+            )
 
     def add_friction(self, constant: Array, lever: Array) -> None:
         """Add the torques of friction on the flanks.

@@ -2,7 +2,8 @@
 
 The line is ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``, several joined by ``;``. Omitted parts of the
 place mean all, omitted values have their start value; several channels of a sensor are written
-``channels=F_sp1_L+F_sp2_L``. Command line, parameter files, the node and recordings all use it.
+``channels=F_sp1_L+F_sp2_L``, none of them ``channels=``. Command line, parameter files, the node
+and recordings all use it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def read_effects(content: Any) -> tuple[Active, ...]:
     """Return the effects of a text or a list of mappings, see above; none for None or no text.
 
     Raises:
-        ParameterError: another form, or an unknown effect, name or value.
+        ParameterError: as ``parse_effect``.
     """
     if content is None:
         return ()
@@ -38,10 +39,11 @@ def read_effects(content: Any) -> tuple[Active, ...]:
 def parse_effect(text: str) -> Active:
     """Return the effect of a text ``ID@MESH/PLANET/SIDE:NAME=VALUE,...``.
 
-    The place is not checked, as that needs a gear, see ``Locus.mask``.
+    Whether the gear has the place is not checked, see ``Locus.mask``.
 
     Raises:
-        ParameterError: another form, or an unknown effect, name or value.
+        ParameterError: another form, an unknown effect, name or value, or a place where the effect
+            can't act.
     """
     head, _, tail = text.partition(":")
     name, _, place = head.partition("@")
@@ -59,7 +61,8 @@ def parse_effect(text: str) -> Active:
         if key in values:
             raise ParameterError(f"{shown(key)} of {one.id} stands twice: leave one out")
         whole = value if key in texts else number(value)
-        values[key] = tuple(value.split("+")) if key in lists else whole
+        names = tuple(value.split("+")) if value else ()
+        values[key] = names if key in lists else whole
     return active(one, Locus(*parts), values)
 
 
@@ -113,8 +116,9 @@ def _text(active_effect: Active) -> str:
         (active_effect.locus.mesh, active_effect.locus.planet, active_effect.locus.side)
     )
     every = parameter_values(active_effect).items()
-    # An empty list has no written form: the option is omitted.
-    pairs = [f"{name}={_plain(value)}" for name, value in every if value != []]
+    # An option whose start value is an empty list is omitted if it has that value.
+    empty = [o.name for o in active_effect.effect.options if o.start == ()]
+    pairs = [f"{name}={_plain(v)}" for name, v in every if v != [] or name not in empty]
     return f"{active_effect.effect.id}@{place}" + (f":{','.join(pairs)}" if pairs else "")
 
 

@@ -67,17 +67,16 @@ def read_campaign(folder: Path) -> Campaign:
         lacking = [name for name in ("rig", "runs") if name not in content]
         if lacking:
             raise ValueError(f"{' and '.join(lacking)} is missing")
-        entries, rig, noise = content["runs"], _name(content["rig"]), content.get("noise") or {}
+        entries, rig = content["runs"], _name(content["rig"])
         if not isinstance(entries, list):
             raise ValueError(f"runs must be a list, got {shown(entries)}")
-        if not isinstance(noise, dict):
-            raise ValueError(f"noise must be a mapping, got {shown(noise)}")
     except OSError as error:
         raise RecordingError(f"can't read {file}: {error.strerror}: name a campaign") from error
     except YamlError as error:
         raise RecordingError(f"{file}: {error}: mend it") from None
     except ValueError as error:
         raise RecordingError(f"{file} must list rig and runs: {error}: mend it") from None
+    share = noise_share(str(file), content.get("noise"))
     if not entries:
         raise RecordingError(f"{file} lists no runs: a campaign has at least one")
     runs, faults = _runs(folder, entries)
@@ -85,8 +84,8 @@ def read_campaign(folder: Path) -> Campaign:
         told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_LISTED])
         told += f"; and {len(faults) - MOST_LISTED} more" if len(faults) > MOST_LISTED else ""
         raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
-    sensors = _sensors(file, content.get("sensors") or {})
-    return Campaign(rig, _noise_share(file, noise), tuple(runs), tuple(faults), sensors)
+    sensors = sensor_values(str(file), content.get("sensors"))
+    return Campaign(rig, share, tuple(runs), tuple(faults), sensors)
 
 
 def write_campaign(
@@ -137,7 +136,7 @@ def _entry_name(entry: Any, i: int) -> str:
     """Return the name of entry i for messages: its path, or its number without a valid path."""
     path = entry.get("path") if isinstance(entry, dict) else None
     try:
-        return f"entry {i}" if path is None else _name(path)
+        return f"entry {i}" if path in (None, "") else _name(path)
     except ValueError:
         return f"entry {i}"
 
@@ -166,11 +165,31 @@ def _run(folder: Path, entry: Mapping[str, Any]) -> CampaignRun:
     point = {name: float(entry[name]) for name in POINT}
     if not all(map(isfinite, point.values())):
         raise ValueError("an operating point must be finite")
-    return CampaignRun(folder / _name(entry["path"]), point, entry["role"])
+    return CampaignRun(folder / _path_inside(entry["path"]), point, entry["role"])
 
 
-def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
-    """Return the values of each sensor as floats; RecordingError if not numbers, or rms <= 0."""
+def _path_inside(value: object) -> Path:
+    """Return the path of a run in the folder of a campaign; ValueError if it leads elsewhere."""
+    path = Path(_name(value))
+    if path.is_absolute() or ".." in path.parts or not path.parts:
+        raise ValueError(
+            "path must lead to a folder inside that of campaign.yaml, got "
+            f"{shown(value)}: move the run there"
+        )
+    return path
+
+
+def sensor_values(place: str, given: Any) -> dict[str, dict[str, float]]:
+    """Return the values of each sensor as floats, none if missing.
+
+    Args:
+        place: where they are written, for the message.
+        given: value of the key ``sensors``.
+
+    Raises:
+        RecordingError: they are not numbers, or an rms is not above 0.
+    """
+    given = given or {}
     try:
         found = {
             str(name): {str(key): float(value) for key, value in one.items()}
@@ -182,19 +201,32 @@ def _sensors(file: Path, given: Any) -> dict[str, dict[str, float]]:
         return found
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(
-            f"sensors of {file} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "
+            f"sensors of {place} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "
             f"0.05}}}}, got {shown(given)} ({error}): mend it"
         ) from None
 
 
-def _noise_share(file: Path, noise: Mapping[str, Any]) -> float | None:
-    """Return ``noise.rms_share``, None if missing; RecordingError unless between 0 and 1."""
+def noise_share(place: str, noise: Any) -> float | None:
+    """Return ``rms_share`` of the key ``noise``, None if missing.
+
+    Args:
+        place: where it is written, for the message.
+        noise: value of the key.
+
+    Raises:
+        RecordingError: noise is no mapping, or the share is not between 0 and 1.
+    """
+    noise = noise or {}
+    if not isinstance(noise, dict):
+        raise RecordingError(
+            f"noise of {place} must be a mapping, got {shown(noise)}: write {{rms_share: 0.01}}"
+        )
     share = noise.get("rms_share")
     if share is None:
         return None
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         raise RecordingError(
-            f"noise.rms_share of {file} must be a share of the RMS between 0 and 1, 0.01 for "
+            f"noise.rms_share of {place} must be a share of the RMS between 0 and 1, 0.01 for "
             f"40 dB, got {shown(share)}: mend it, or leave noise out where it is unknown"
         )
     return float(share)

@@ -98,7 +98,7 @@ def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
     once, twice = _distinct(folder, names)
     if twice:
         notes.append(f"{METADATA_NAME} names {_names(twice)} twice: it is read once")
-    ordered = sorted(once, key=_natural) if lost else once
+    ordered = sorted(once, key=natural) if lost else once
     there = [name for name in ordered if os.path.isfile(folder / name)]
     missing = [name for name in ordered if not os.path.isfile(folder / name)] if there else []
     if names and not there:
@@ -142,7 +142,7 @@ def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Return files named like those of the run, NAME_0.mcap, that are not in ``names``."""
     runs = {numbered[1] for name in names if (numbered := NUMBERED.fullmatch(name))}
     known = set(names)
-    found = sorted(folder.glob("*.mcap"), key=lambda file: _natural(file.name)) if runs else []
+    found = sorted(folder.glob("*.mcap"), key=lambda file: natural(file.name)) if runs else []
     return tuple(
         file.name
         for file in found
@@ -152,9 +152,19 @@ def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def readable_bag(folder: Path) -> BagInformation:
-    """Like ``bag_information``; RecordingError for a bag compressed outside of its MCAP chunks."""
+def readable_bag(path: Path) -> BagInformation:
+    """Like ``bag_information``, for a run folder, or a file by the ``metadata.yaml`` beside it.
+
+    The information is empty if that ``metadata.yaml`` does not name the file.
+
+    Raises:
+        RecordingError: the bag is compressed outside of its MCAP chunks.
+    """
+    folder = path if path.is_dir() else path.parent
     information = bag_information(folder)
+    known = path == folder or path.name in information.names
+    if not known and os.path.lexists(folder / METADATA_NAME):
+        return BagInformation()
     mode = information.compression_mode
     if mode not in ("none", "storage"):
         raise RecordingError(
@@ -209,7 +219,7 @@ def bag_files(path: Path | str) -> list[Path]:
     if check_file(path):
         return [path]
     files = [path / name for name in bag_information(path).names]
-    files = files or sorted(path.glob("*.mcap"), key=lambda file: _natural(file.name))
+    files = files or sorted(path.glob("*.mcap"), key=lambda file: natural(file.name))
     if not files:
         runs = sorted(file.parent.name for file in path.glob("*/*.mcap"))
         hint = f"name one of its runs, as {path / runs[0]}" if runs else "name another folder"
@@ -231,6 +241,6 @@ def _is_inside(folder: Path, file: Path) -> bool:
         return False
 
 
-def _natural(name: str) -> list[int]:
+def natural(name: str) -> list[int]:
     """Return the numbers in a name, as a sort key that puts 10 after 9."""
     return [int(digits) for digits in re.findall(r"\d+", name)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from herringbone_sim.arrays import Array
 
@@ -28,9 +29,11 @@ class Gap:
 
 
 def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
-    """Find gaps: steps of ``counter`` above 1.5 times both the step before and the step after.
+    """Find gaps: steps of ``counter`` above 1.5 times the usual step.
 
-    A lasting change of the step (other samples per cycle, other speed) is not a gap.
+    The usual step is the longer one of both neighbours, or the median of five steps if that is
+    shorter, so that gaps with a single sample between them are found too. A lasting change of the
+    step (other samples per cycle, other speed) is not a gap.
 
     Args:
         times: (n,) times [s].
@@ -41,8 +44,11 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
         if len(steps) < 2:
             return ()
         before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
-        usual = np.maximum(before, after)
-        wide = np.flatnonzero((usual > 0) & np.isfinite(steps) & (steps > 1.5 * usual))
+        finite = np.isfinite(steps)
+        usual = np.full(len(steps), np.nan)
+        usual[finite] = median_filter(steps[finite], 5, mode="reflect")
+        usual = np.fmin(usual, np.maximum(before, after))
+        wide = np.flatnonzero((usual > 0) & finite & (steps > 1.5 * usual))
         ratios = np.minimum(steps[wide] / usual[wide], MOST_MISSING)
     return tuple(
         Gap(int(i) + 1, float(times[i]), round(float(ratio)) - 1)

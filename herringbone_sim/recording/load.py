@@ -226,7 +226,7 @@ def load(path: Path | str, most_bytes: int | None = None) -> RawRecording:
         on_disk = sum(file.stat().st_size for file in files)
         most_bytes = max(LEAST_MEMORY, MEMORY_RATIO * on_disk)
     loading = _Loading(path, most_bytes)
-    information = readable_bag(path if path.is_dir() else path.parent)
+    information = readable_bag(path)
     loading.raw.notes += information.notes
     for file in files:
         loading.take_file(file)

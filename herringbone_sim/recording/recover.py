@@ -21,6 +21,7 @@ from herringbone_sim.recording.files import (
     bag_files,
     bag_information,
     check_file,
+    natural,
 )
 from herringbone_sim.recording.guarded_file import is_written
 from herringbone_sim.recording.rebuild import Survey, rebuild, survey
@@ -151,19 +152,29 @@ def _recover_elsewhere(
     part = out.with_name(f"{out.name}.part")
     _sweep_folder(part, out.name)
     part.mkdir(parents=True)
-    names = [f"{out.name}_{number}.mcap" for number in range(len(surveys))]
+    names, missing = _new_names(surveys, report.missing, out.name)
     try:
         tallies = [
             rebuild(one, part / name, name) for one, name in zip(surveys, names, strict=True)
         ]
         held = dict(zip(names, tallies, strict=True))
-        write_metadata(part, split_metadata(held, report.missing))
+        write_metadata(part, split_metadata(held, missing))
         part.rename(out)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
     paths = tuple(out / name for name in names)
     return replace(report, paths=paths, changed=True, originals=report.paths)
+
+
+def _new_names(
+    surveys: Sequence[Survey], missing: Sequence[str], run: str
+) -> tuple[list[str], list[str]]:
+    """Return names that the files and the missing files get in a run of another name."""
+    own = [one.file.name for one in surveys]
+    places = {old: place for place, old in enumerate(sorted([*own, *missing], key=natural))}
+    names, lost = ([f"{run}_{places[old]}.mcap" for old in part] for part in (own, missing))
+    return names, lost
 
 
 def _sweep_folder(part: Path, name: str) -> None:

@@ -115,7 +115,7 @@ class RunFiles:
             channels: the serialised ``channels`` message.
 
         Raises:
-            OSError: the disk fails.
+            OSError: the disk fails, or another program takes the new file away.
         """
         path = self.folder / f"{self.folder.name}_{len(self._counts)}.mcap"
         part = path.with_name(f"{path.name}.part")
@@ -125,9 +125,11 @@ class RunFiles:
             bag.write(self._numbers[0], log_ns, log_ns, channels)
             bag.flush()
             bag.rename(path)
-        except BaseException:
+        except BaseException as error:
             bag.close()
             part.unlink(missing_ok=True)
+            if isinstance(error, FileLostError):  # of this file, not of the one before it
+                raise OSError(f"{part} {error}") from error
             raise
         self._bag = bag
         self._counts.append(_Count())

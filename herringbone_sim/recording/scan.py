@@ -74,7 +74,7 @@ class Scan:
         complete: whether the file was finished and its index is intact.
         size: size of the file [bytes].
         intact_bytes: bytes up to the end of the last complete record; ``size`` if it was finished.
-        damaged: number of damaged records, mainly chunks, which are left out.
+        damaged: number of damaged or too long records, mainly chunks, which are left out.
         skipped: number of attachments, and of messages of an undefined channel.
     """
 
@@ -183,7 +183,7 @@ class Scan:
                 yield opcode, body
                 continue
             if opcode in taken:
-                self._leave_out(length, f"at most {most} bytes are read at once")
+                self._leave_out(length, f"too long (at most {most} bytes are read at once)")
             self.skipped += opcode == Opcode.ATTACHMENT
             if length:
                 stream.seek(at)
@@ -204,15 +204,15 @@ class Scan:
         except _DAMAGE as error:
             if isinstance(error, UnknownCompressionError):
                 self._unknown = error
-            self._leave_out(len(body), str(error) or type(error).__name__)
+            self._leave_out(len(body), f"damaged ({str(error) or type(error).__name__})")
 
-    def _leave_out(self, length: int, why: str) -> None:
-        """Count and note a damaged record of ``length`` bytes."""
+    def _leave_out(self, length: int, fault: str) -> None:
+        """Count a record of ``length`` bytes as damaged, and note its fault."""
         self.damaged += 1
         if self.damaged <= MOST_NOTES:
             self._notes.append(
-                f"a record of {length} bytes that ends at byte {self.intact_bytes} is damaged "
-                f"({why}) and left out"
+                f"a record of {length} bytes that ends at byte {self.intact_bytes} is {fault} "
+                "and left out"
             )
 
     def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
@@ -242,7 +242,8 @@ class Scan:
         if self._defined.get(key) == content:
             return
         self._defined_bytes += len(body)
-        if len(self.topics) > MOST_TOPICS or self._defined_bytes > MOST_DEFINED_BYTES:
+        new = opcode == Opcode.CHANNEL and int.from_bytes(key[1], "little") not in self.topics
+        if len(self.topics) + new > MOST_TOPICS or self._defined_bytes > MOST_DEFINED_BYTES:
             raise RecordingError(
                 f"a recording may have {MOST_TOPICS} topics and {MOST_DEFINED_BYTES >> 20} MiB of "
                 f"definitions, {self.path} has more: choose the topics that are recorded"

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -163,12 +164,20 @@ def test_a_users_file_that_is_none_is_refused(
         ("mean_stiffness", {"factor": 99.0}, "must lie in"),
         ("mean_stiffness", {"depth": 0.1}, "it has factor"),
         ("mean_stiffness", {"factor": "much"}, "a number"),
+        ("mean_stiffness", {"factor": True}, "a number"),
+        ("mean_stiffness", {"factor": np.True_}, "a number"),
         ("runout", {"member": "carrier"}, "one of"),
     ],
 )
 def test_a_wrong_value_is_refused(name: str, values: dict[str, object], rule: str) -> None:
     with pytest.raises(ParameterError, match=rule):
         active(effect(name), values=values)
+
+
+@pytest.mark.parametrize("number", [np.int64(1), np.float32(1.5), 1])
+def test_any_kind_of_number_is_taken(number: Any) -> None:
+    (factor,) = active(effect("mean_stiffness"), values={"factor": number}).theta
+    assert (type(factor), factor) == (float, float(number))
 
 
 def test_a_place_that_the_gear_lacks_is_refused(rig: Model, moved: Motion) -> None:

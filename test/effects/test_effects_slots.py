@@ -24,6 +24,7 @@ from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.written import read_effects
+from herringbone_sim.errors import ParameterError
 
 PERIODIC = {"xi": 0.07, "delta_T": 90.0}  # an orbit that loses contact in every mesh cycle
 
@@ -54,6 +55,12 @@ TEXTS = (
     "contact_nonlinearity:exponent=1.1; bearing_clearance:clearance=2e-6",
     "tooth_crack@sp:depth=0.3,member=sun,position=3.2; tooth_friction:mu=0.05",
 )
+# A crack weakens the whole stiffness, wherever it stands in the list.
+CRACKED = (
+    "tooth_crack@sp:depth=0.3,member=sun,position=3.2,width=1.9; stiffness_harmonic@sp:cos=0.2",
+    "tooth_crack@sp:depth=0.3,member=sun,position=3.2,width=1.9; stagger@all/all/L:phase=0.8",
+    "stiffness_harmonic@sp:cos=0.2; tooth_crack@sp:depth=0.3,member=sun,position=3.2,width=1.9",
+)
 
 
 def gear(text: str, **values: object) -> Model:
@@ -66,7 +73,7 @@ def test_every_effect_on_the_machine_is_here() -> None:
 
 
 @pytest.mark.parametrize("kind", ["reduced", "full"])
-@pytest.mark.parametrize("text", TEXTS)
+@pytest.mark.parametrize("text", [*TEXTS, *CRACKED])
 def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> None:
     if kind == "full":
         text = text.replace("planet_phase:", "planet_phase@all/2/all:")
@@ -86,6 +93,20 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
         phase = 2 * np.pi * (turn - cycle)
         rk4_step(of_one_type(model.packed), work, found, phase, cycle, h)
         np.testing.assert_allclose((found - y)[:n] / h, wanted, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("contact_nonlinearity; contact_nonlinearity@sp:exponent=1.2", "spring force of a mesh"),
+        ("damping_law; damping_law@sp:power=1", "damping of a mesh"),
+    ],
+)
+def test_a_law_that_is_bent_twice_on_a_mesh_is_refused(text: str, told: str) -> None:
+    """By their laws two exponents add up, which no slot holds."""
+    with pytest.raises(ParameterError, match=f"{told}, got a further one at sp_L, sp_R"):
+        gear(text)
+    gear(text.replace(";", "@rp;"))
 
 
 @pytest.mark.parametrize("text", TEXTS)

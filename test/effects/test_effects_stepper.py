@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +21,12 @@ from numpy.typing import NDArray
 from benchmarks.reference import integrate
 from herringbone_sim.core.integrate import Block, Stepper
 from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import assemble, by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import motion, torques
+from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate, stepper
@@ -244,6 +248,18 @@ def test_divergence_is_told() -> None:
         assert not np.isfinite(y).all()
     with pytest.raises(DivergenceError, match="mean_stiffness"):
         simulate(rig(), [active(effect("mean_stiffness"), ALL)], 1, far)
+
+
+def test_warning_filters_are_restored_whoever_leaves_first() -> None:
+    """Threads compile side by side, and the filters are those of the process."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        before, first = list(warnings.filters), ExitStack()
+        first.enter_context(pointers_allowed())
+        with pointers_allowed():
+            first.close()
+            warnings.warn("a pointer", NumbaExperimentalFeatureWarning, stacklevel=1)
+        assert list(warnings.filters) == before
 
 
 def test_the_interpreter_reads_what_is_compiled(tmp_path: Path) -> None:

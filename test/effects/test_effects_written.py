@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,7 @@ def test_a_text_says_the_same_as_the_list() -> None:
 
 @pytest.mark.parametrize("name", sorted(effects()))
 def test_every_effect_goes_there_and_back(name: str) -> None:
-    one = active(effect(name), Locus("sp", "2", "R"))
+    one = active(effect(name), effect(name).candidates(Parameters(model="full").layout)[-1])
     entry = {
         "effect": one.effect.id,
         "locus": vars(one.locus),
@@ -62,6 +63,41 @@ def test_every_effect_goes_there_and_back(name: str) -> None:
     }
     assert read_effects([entry]) == (one,)
     assert read_effects(effects_text((one,))) == (one,)
+
+
+def test_a_list_without_channels_goes_there_and_back() -> None:
+    """Also where the start value is no empty list."""
+    for name, written in (("sensor_gain", "gain=1.1,channels="), ("clock_drift", "ppm=100.0")):
+        one = active(effect(name), values={"channels": ()})
+        assert effects_text((one,)) == f"{name}@all/all/all:{written}"
+        assert read_effects(effects_text((one,))) == (one,)
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        ("ring_flexibility@sp", "rp/all/all or rp/all/*, got 'sp/all/all'"),
+        ("torque_ripple@sp/1/L", "all/all/all, got 'sp/1/L'"),
+        ("torque_ripple@all/all/R", "all/all/all, got 'all/all/R'"),
+    ],
+)
+def test_a_place_where_an_effect_cannot_act_is_refused(text: str, places: str) -> None:
+    with pytest.raises(ParameterError, match=re.escape(f" acts at {places}")):
+        read_effects(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("ring_flexibility", "ring_flexibility@rp/2", "pin_position@rp/3/R", "stagger@rp/all/R"),
+        *("contact_nonlinearity@sp/1/L", "tooth_friction@sp/1", "channel_swap@sp/1"),
+    ],
+)
+def test_a_place_wider_or_narrower_than_those_tried_is_taken(text: str) -> None:
+    """The meshes of the place are those where it acts; a diagnosis writes such departures."""
+    name, _, place = text.partition("@")
+    (one,) = read_effects(text)
+    assert (one.effect.id, one.locus) == (name, Locus(*filter(None, place.split("/"))))
 
 
 def test_a_command_that_knows_no_effects_refuses_them(tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ import pytest
 import yaml
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.errors import RecordingError
+from herringbone_sim.recording.importing.parse import read_spec
 
 Spec = dict[str, Any]
 SPEC: Spec = {
@@ -125,6 +127,10 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
         change(*FILE, "time", "column", to="still"),
         ("increase strictly", "1 s, 1 s at row 1"),
     ),
+    "a clock that ends nowhere": (
+        change(*FILE, "time", "column", to="endless"),
+        ("increase strictly", "98 s, inf s at row 99"),
+    ),
 }
 
 
@@ -134,8 +140,11 @@ FILES = ["run_00.csv", "run_01.csv", "spec.yaml"]
 def fill(folder: Path) -> None:
     t = np.arange(100) * 1e-5
     for name in ("run_00", "run_01"):
-        rows = [f"{one!r},{3e4 * one!r},700.0,a,1.0" for one in t.tolist()]
-        text = "\n".join(["t,phase,force,word,still", *rows])
+        ends = [*range(99), "inf"]
+        rows = [
+            f"{a!r},{3e4 * a!r},700.0,a,1.0,{b}" for a, b in zip(t.tolist(), ends, strict=True)
+        ]
+        text = "\n".join(["t,phase,force,word,still,endless", *rows])
         (folder / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
@@ -164,6 +173,20 @@ def test_a_wrong_spec_is_one_error_and_leaves_nothing(
     assert line.startswith("error: ")
     assert all(word in line for word in words), line
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
+
+
+@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("noise", {"rms_share": 2.0}), ("noise", 5), ("sensors", {"F_sp1_L": {"rms": -1.0}})],
+)
+def test_noise_and_sensors_are_checked_before_a_run_is_read(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    fill(tmp_path)
+    (tmp_path / "spec.yaml").write_text(yaml.safe_dump(SPEC | {key: value}), encoding="utf-8")
+    with pytest.raises(RecordingError, match=rf"{key}.* of the spec must be"):
+        read_spec(tmp_path / "spec.yaml")
 
 
 def test_an_import_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,30 @@ def test_a_delay_shows_the_past_without_a_seam(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.samples["F_sp_L"][at:], late[at:], atol=0.03 * size)
     assert np.abs(run.samples["F_sp_L"] - true.samples["F_sp_L"])[at:].max() > 0.1 * size
     np.testing.assert_array_equal(run.samples["F_rp_L"], true.samples["F_rp_L"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sensor_gain@sp:gain=1.5; sensor_bias@rp:bias=3.0; clock_drift:ppm=200",
+        "channel_swap:channels=F_sp_L+F_rp_L",
+        "sensor_delay@sp:delay=2.5e-5",
+        "sensor_delay@sp:delay=0",
+    ],
+)
+def test_blocks_of_a_single_sample_are_shown_as_any(text: str) -> None:
+    actives = read_effects(text)
+    machine = stepper(build(Parameters(delta_T=85.0)), actives)
+    alike, one_by_one = Sensors(machine, actives), Sensors(machine, actives)
+    state, rows = machine.start(), []
+    whole = machine.advance(state, 40)
+    for _ in range(40):
+        block = machine.advance(state, 1)
+        rows.append(one_by_one.show(block).rows)
+        state = block.end
+    np.testing.assert_allclose(np.concatenate(rows), alike.show(whole).rows, rtol=1e-12, atol=0.0)
+    last = replace(machine.advance(state, 1), diverged=True)
+    assert Sensors(machine, actives).show(last).rows.shape == last.rows.shape
 
 
 def test_info_and_analyze_tell_the_effects(

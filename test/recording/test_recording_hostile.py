@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import warnings
 from pathlib import Path
 
 import lz4.frame
@@ -18,12 +17,11 @@ from recording_support import CHANNELS, NAMES, foreign_file, make_rows, new_run,
 from benchmarks.faults.spoil import record_starts
 from benchmarks.faults.verbs import Verbs
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.gaps import MOST_MISSING, find_gaps
 from herringbone_sim.recording.info import recording_info
 from herringbone_sim.recording.messages import decode_samples, encode_samples, encode_string
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.recover import recover
-from herringbone_sim.recording.scan import Scan
+from herringbone_sim.recording.scan import MOST_TOPICS, Scan
 from herringbone_sim.recording.schemas import FLOAT64_MULTI_ARRAY
 
 BLOCKS = [make_rows(start, start + 100) for start in range(0, 1000, 100)]
@@ -126,6 +124,7 @@ def test_the_most_of_a_chunk_is_an_argument(tmp_path):
     scan = Scan(foreign_file(tmp_path / "a.mcap", BLOCKS), most_bytes=1000)
     assert list(scan.messages()) == []
     assert scan.damaged > 0
+    assert all("too long (at most 1000 bytes" in note for note in scan.notes[:3])
 
 
 @pytest.mark.parametrize("length", [2**31, 2**62, 2**63, 2**64 - 1])
@@ -214,26 +213,6 @@ def test_a_layout_of_millions_of_dimensions_is_refused_at_once():
         decode_samples(b"\x00\x01\x00\x00" + struct.pack("<I", 2**32 - 1) + bytes(10**6))
 
 
-@pytest.mark.parametrize(
-    "counter",
-    [
-        [0.0, 5e-324, 1e-323, 1.0],
-        [0.0, 1e-300, 2e-300, 1e300],
-        [0.0, 1.0, np.inf, np.inf],
-        [-1e308, 1e308, 1.1e308, 1.2e308],
-    ],
-)
-def test_gaps_in_a_clock_out_of_range_are_counted_as_far_as_that_goes(tmp_path, counter):
-    values = np.array(counter)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert all(gap.missing < MOST_MISSING for gap in find_gaps(values, values))
-        rows = make_rows(0, 4)
-        rows[:, 0] = rows[:, 1] = values
-        info = recording_info(foreign_file(tmp_path / "a.mcap", [rows]))
-    assert info.n_samples == 4
-
-
 def test_times_that_are_not_finite_do_not_increase(tmp_path):
     rows = make_rows(0, 10)
     rows[-1, 0] = np.inf
@@ -274,18 +253,28 @@ def test_a_damaged_quality_of_service_is_left_out(tmp_path, qos):
     assert read_recording(tmp_path / "out").notes[0].startswith("there is no channels message")
 
 
-def test_more_topics_than_any_robot_has_are_refused(tmp_path):
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
+def file_of_topics(path: Path, n: int, finish: bool) -> Path:
+    """A file with n topics and a message on the last."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=finish)
         writer.start("ros2")
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-        for number in range(5000):
+        for number in range(n):
             topic = writer.register_channel(f"/topic_{number}", "cdr", schema)
         writer.add_message(topic, 0, encode_string("a"), 0)
-        writer.finish()
+        if finish:
+            writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("finish", [True, False])
+def test_more_topics_than_any_robot_has_are_refused(tmp_path, finish):
+    scan = Scan(file_of_topics(tmp_path / "a.mcap", MOST_TOPICS, finish))
+    assert (len(list(scan.messages())), len(scan.topics)) == (1, MOST_TOPICS)
+    file = file_of_topics(tmp_path / "a.mcap", MOST_TOPICS + 1, finish)
     for read in (read_recording, recover):
         with pytest.raises(RecordingError, match="4096 topics"):
-            read(tmp_path / "a.mcap")
+            read(file)
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -71,6 +71,10 @@ def test_a_recovery_keeps_what_is_there_and_what_is_known_to_be_gone(
     assert not read_recording(run).complete
     assert recover(run, tmp_path / "out").missing == ("base_2.mcap",)
     assert not read_recording(tmp_path / "out").complete
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.mcap")) == [
+        *("out_0.mcap", "out_1.mcap", "out_3.mcap")
+    ]
+    assert recover(tmp_path / "out").missing == ("out_2.mcap",)
     (tmp_path / "kept").rename(run / "base_2.mcap")
     recording = read_recording(run)
     assert (recording.complete, len(recording.samples)) == (True, 4000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from recording_support import (
 )
 
 from herringbone_sim.cli.arguments import parse
-from herringbone_sim.recording.gaps import Gap, find_gaps
+from herringbone_sim.recording.gaps import MOST_MISSING, Gap, find_gaps
 from herringbone_sim.recording.info import recording_info
 
 
@@ -100,6 +101,23 @@ def test_gaps_are_counted_exactly():
     assert gaps[1].t_s == pytest.approx(0.099)
 
 
+@pytest.mark.parametrize(
+    ("steps", "missing"),
+    [
+        ([1, 1, 5, 5, 1, 1], [4, 4]),  # a single sample between two gaps
+        ([5, 5, 5, 1, 1, 5], [4]),  # a wide last step
+        ([1, 2, 1, 2, 1, 2], [1, 1, 1]),
+        ([1, 1, np.nan, np.nan, 1, 5, 5, 1, 1], [4, 4]),
+        ([1, 1, 1, 5, 5, 5], []),
+        ([1, 1, 1, 5, 5], []),
+    ],
+)
+def test_gaps_are_found_beside_each_other_and_at_the_ends(steps, missing):
+    counter = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
+    counter[np.flatnonzero(np.isnan(steps))[1:]] = np.nan
+    assert [gap.missing for gap in find_gaps(counter, counter)] == missing
+
+
 def test_another_number_of_samples_a_cycle_is_no_gap():
     steps = np.repeat([1.0, 4.0, 0.5, 2.0], 50)
     phase = np.cumsum(steps)
@@ -109,6 +127,26 @@ def test_another_number_of_samples_a_cycle_is_no_gap():
 @pytest.mark.parametrize("values", [[], [0.0], [0.0, 1.0], [0.0, 0.0, 0.0], [0.0, np.nan, np.inf]])
 def test_a_clock_that_does_not_run_has_no_gaps(values):
     assert find_gaps(np.array(values), np.array(values)) == ()
+
+
+@pytest.mark.parametrize(
+    "counter",
+    [
+        [0.0, 5e-324, 1e-323, 1.0],
+        [0.0, 1e-300, 2e-300, 1e300],
+        [0.0, 1.0, np.inf, np.inf],
+        [-1e308, 1e308, 1.1e308, 1.2e308],
+    ],
+)
+def test_gaps_in_a_clock_out_of_range_are_counted_as_far_as_that_goes(tmp_path, counter):
+    values = np.array(counter)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert all(gap.missing < MOST_MISSING for gap in find_gaps(values, values))
+        rows = make_rows(0, 4)
+        rows[:, 0] = rows[:, 1] = values
+        info = recording_info(foreign_file(tmp_path / "a.mcap", [rows]))
+    assert info.n_samples == 4
 
 
 def test_the_page_shows_all_there_is(tmp_path, capsys):

@@ -65,6 +65,17 @@ def test_a_bag_compressed_outside_of_mcap_is_refused(tmp_path):
         read_recording(run)
 
 
+def test_metadata_of_another_bag_does_not_concern_a_file(tmp_path):
+    run = rosbags_run(tmp_path / "run", CompressionMode.MESSAGE)
+    with pytest.raises(RecordingError, match="ros2 bag convert"):
+        read_recording(next(run.glob("*.mcap")))
+    recording = read_recording(foreign_file(run / "a.mcap", BLOCKS))
+    assert not any("metadata.yaml" in note for note in recording.notes)
+    (run / "metadata.yaml").write_text("a: [")
+    recording = read_recording(run / "a.mcap")
+    assert not any("metadata.yaml" in note for note in recording.notes)
+
+
 @pytest.mark.parametrize("finish", [True, False])
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -55,7 +55,7 @@ def test_a_run_that_takes_more_memory_than_allowed_has_a_way_on(tmp_path: Path) 
         ("runs: []", "rig is missing"),
         ("other: 1", "rig and runs is missing"),
         ("{rig: a, runs: 5}", "runs must be a list, got 5"),
-        ("{rig: a, runs: [], noise: 5}", "noise must be a mapping, got 5"),
+        ("{rig: a, runs: [], noise: 5}", "noise of .* must be a mapping, got 5"),
     ],
 )
 def test_a_campaign_without_its_parts_says_which(tmp_path: Path, text: str, said: str) -> None:

@@ -12,6 +12,7 @@ import pytest
 from recording_support import CHANNELS, RATE_HZ, make_rows, new_run
 
 from herringbone_sim.errors import RecordingError, RecordingLostError
+from herringbone_sim.recording.bag import Bag
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
 
@@ -128,6 +129,24 @@ def test_a_finished_file_that_is_taken_away_is_told_and_not_listed(tmp_path: Pat
     assert recording.complete
     assert recording.notes == ()
     np.testing.assert_array_equal(recording.samples.data, make_rows(1500, 2100))
+
+
+def test_a_next_file_that_is_taken_away_at_its_beginning_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer, flush = flushed_run(tmp_path), Bag.flush
+
+    def take_away(bag: Bag) -> None:
+        if bag.path.suffix == ".part":
+            bag.path.unlink()
+        flush(bag)
+
+    monkeypatch.setattr(Bag, "flush", take_away)
+    with pytest.raises(RecordingError, match=r"run_1\.mcap\.part was deleted") as told:
+        writer.next_file(CHANNELS, 1500 / RATE_HZ)
+    assert not isinstance(told.value, RecordingLostError)
+    assert (writer.samples_kept, writer.losses) == (1500, ())
+    np.testing.assert_array_equal(read_recording(writer.path).samples.data, make_rows(0, 1500))
 
 
 def test_a_finished_file_that_is_cut_at_the_end_is_told(tmp_path: Path) -> None:

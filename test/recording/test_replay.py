@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from herringbone_sim.core.integrate import Stepper, change
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
@@ -61,6 +63,36 @@ def test_one_spoilt_bit_is_found_and_placed(tmp_path: Path) -> None:
     verdict = verify(read_recording(write(tmp_path, spoil=11)))
     assert verdict.first_difference == 5 * 16 + 11
     assert 0.0 < verdict.largest_difference < 1e-15
+
+
+@pytest.mark.parametrize("beyond", [0, 3])
+def test_samples_after_a_repetition_that_diverges_are_not_identical(
+    tmp_path: Path, beyond: int
+) -> None:
+    p = Parameters(delta_T=20.0)
+    stepper = Stepper(build(p))
+    state = replace(stepper.start(), y=stepper.start().y + 1e7)
+    rows = stepper.advance(state, 32).rows
+    later = np.repeat(rows[-1:], beyond, axis=0)
+    later[:, 0] += 1e-5 * np.arange(1, beyond + 1)
+    stored = {"y": state.y.tolist(), "cycle": state.cycle, "index": state.index, "t": state.t}
+    channels = {"parameters": to_mapping(p), "state": stored}
+    writer = RunWriter.create(tmp_path, "run", "/sim", channels, stepper.model.layout.channels, 0)
+    writer.write_samples(np.concatenate([rows, later]))
+    writer.close()
+    verdict = verify(read_recording(writer.path))
+    assert (verdict.identical, verdict.samples) == (not beyond, len(rows))
+    said = (verdict.first_difference, verdict.largest_difference)
+    assert said == ((len(rows), np.inf) if beyond else (-1, 0.0))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_values_that_are_missing_differ_by_no_number(tmp_path: Path) -> None:
+    recording = read_recording(write(tmp_path))
+    nothing = np.full_like(recording.samples.data, np.nan)
+    samples = TimeSeries(recording.samples.times, nothing, recording.samples.names)
+    verdict = verify(replace(recording, samples=samples))
+    assert (verdict.first_difference, verdict.largest_difference) == (0, 0.0)
 
 
 def _stored(**odd: Any) -> dict[str, Any]:

@@ -30,7 +30,9 @@ EFFECT = Effect(
     id="clock_drift",
     text="the clock of the recording runs at another rate",
     level="sensor",
-    parameters=(Parameter("ppm", "1e-6", "fast if positive", -2e5, 2e5, 100.0),),
+    parameters=(
+        Parameter("ppm", "1e-6", "fast if positive; of named channels: slow", -2e5, 2e5, 100.0),
+    ),
     options=(Option("channels", "those of a recorder of their own; none: all", ()),),
     distort=distort,
     needs_recording=bool,

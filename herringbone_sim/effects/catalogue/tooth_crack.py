@@ -1,4 +1,4 @@
-"""Tooth crack: k drops while one tooth is in mesh, k (1 - depth w(s)).
+"""Tooth crack: k, with all other effects, drops while one tooth is in mesh, k (1 - depth w(s)).
 
 w is a raised cosine of the mesh cycles s from the event, which recurs once a revolution of its
 member relative to the carrier: every 27, 25 or 77 mesh cycles for sun, planet, ring of the nominal
@@ -49,4 +49,5 @@ EFFECT = Effect(
     place=whole_cycles,
     fill=fill,
     excite=excite,
+    last=True,
 )

@@ -110,7 +110,7 @@ def import_campaign(
 
 
 def _check_written(folder: Path) -> None:
-    """Read the written campaign, which reports invalid noise and sensor data of the spec."""
+    """Read the written campaign: what is wrong with it is wrong in the spec."""
     try:
         read_campaign(folder)
     except RecordingError as error:

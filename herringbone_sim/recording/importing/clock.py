@@ -120,8 +120,9 @@ def _times(
 def _check(file: FileSpec, times: Array) -> None:
     """Raise RecordingError unless times are finite and strictly increasing."""
     steps = np.diff(times)
-    if len(times) < 2 or not np.isfinite(times).all() or not (steps > 0.0).all():
-        at = int(np.argmax(~(steps > 0.0))) if steps.size else 0
+    wrong = ~(np.isfinite(times[:-1]) & np.isfinite(times[1:]) & (steps > 0.0))
+    if len(times) < 2 or wrong.any():
+        at = int(np.argmax(wrong)) if wrong.size else 0
         pair = [f"{one:.12g} s" for one in times[at : at + 2]]
         got = f"{listed(pair)} at row {at + 1}"
         raise RecordingError(

@@ -9,7 +9,7 @@ from typing import Any
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError, RecordingError, listed, shown
-from herringbone_sim.recording.campaign import POINT, ROLES
+from herringbone_sim.recording.campaign import POINT, ROLES, noise_share, sensor_values
 from herringbone_sim.recording.importing.entry import Entry
 from herringbone_sim.recording.importing.spec import (
     ChannelSpec,
@@ -70,9 +70,10 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
         raise top.wrong("runs", "runs with names of their own", sorted(twice)[0])
     for run in runs:
         _check_filled(run, shaft)
-    return ImportSpec(
-        top.text("rig"), nominal, shaft, offset, runs, top.take("noise"), top.take("sensors")
-    )
+    noise, sensors = top.take("noise"), top.take("sensors")
+    noise_share("the spec", noise)
+    sensor_values("the spec", sensors)
+    return ImportSpec(top.text("rig"), nominal, shaft, offset, runs, noise, sensors)
 
 
 def _phase(value: Any) -> tuple[str, float]:
