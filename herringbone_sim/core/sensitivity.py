@@ -90,17 +90,17 @@ class Directions:
 
     def __init__(self, model: Model, directions: Sequence[Direction]) -> None:
         need_series(model, "derivatives")
-        pairs = [(one.plus, one.minus) for one in directions]
-        for one, pair in zip(directions, pairs, strict=True):
+        pairs = [(direction.plus, direction.minus) for direction in directions]
+        for direction, pair in zip(directions, pairs, strict=True):
             if any(_sizes(near.packed) != _sizes(model.packed) for near in pair):
                 raise ParameterError(
-                    f"no derivative by {one.name}: there the gear gets or loses a harmonic, an "
-                    "event, friction, a power, a rounded corner or a coordinate; give it a value "
-                    "away from there"
+                    f"no derivative by {direction.name}: there the gear gets or loses a harmonic, "
+                    "an event, friction, a power, a rounded corner or a coordinate; give it a "
+                    "value away from there"
                 )
         self._model = model
         self._gears = [brought_to(model, near) for pair in pairs for near in pair]
-        self.step = np.array([one.step for one in directions])
+        self.step = np.array([direction.step for direction in directions])
         self.excites = np.array(
             [
                 any(not np.array_equal(getattr(a, n), getattr(b, n)) for n in EXCITATION)
@@ -200,7 +200,7 @@ def near_of(
         lanes: as for ``lanes.packed.make_work``; for a single orbit the columns are set at once.
     """
     n, p, size = starts.shape
-    steps = np.array([one.step for one in along])[:, :, None]
+    steps = np.array([directions.step for directions in along])[:, :, None]
 
     def zeros(*shape: int) -> Array:
         return np.zeros((*shape, *lanes))
@@ -209,10 +209,10 @@ def near_of(
         table=table.reshape(n, 2 * p, *table.shape[1:]),
         steps=steps,
         starts=starts,
-        found=np.full((n, p, size), np.nan),
+        ends=np.full((n, p, size), np.nan),
         constants=zeros(2 * p, *table.shape[1:]),
         step=zeros(p, 1),
-        excites=np.any([one.excites for one in along], axis=0),
+        excites=np.any([directions.excites for directions in along], axis=0),
         columns=zeros(p, size),
         more=zeros(p, size),
         moved=zeros(p, work.k.shape[1]),

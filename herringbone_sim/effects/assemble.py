@@ -18,12 +18,12 @@ from herringbone_sim.effects.slots import Slots
 
 def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
     """Return the effects that change the motion, all but sensor effects, ``in_order``."""
-    return tuple(in_order([one for one in actives if one.effect.level != "sensor"]))
+    return tuple(in_order([active for active in actives if active.effect.level != "sensor"]))
 
 
 def in_slots(actives: Sequence[Active]) -> bool:
     """Return whether slots can represent all of these effects; sensor effects do not count."""
-    return all(one.effect.fill is not None for one in acting(actives))
+    return all(active.effect.fill is not None for active in acting(actives))
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
@@ -47,23 +47,23 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     ParameterError as ``assemble``.
     """
     chosen = acting(actives)
-    filled = _in_slots(model, [one for one in chosen if one.effect.fill is not None])
+    filled = _in_slots(model, [active for active in chosen if active.effect.fill is not None])
     sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
     return replace(
         filled,
         effects=chosen,
         own=tuple(zip(_state_keys(chosen), map(int, sizes), strict=True)),
-        integrator=LaneStepper if any(one.effect.lanes for one in chosen) else LawStepper,
+        integrator=LaneStepper if any(active.effect.lanes for active in chosen) else LawStepper,
     )
 
 
 def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
     """Return the model with effects written into its slots, to be integrated by the core."""
     slots, sizes = Slots(model), []
-    for one in chosen:
+    for active in chosen:
         before = slots.n_own
-        if one.effect.fill is not None:
-            one.effect.fill(slots, one.theta, one.locus.mask(model.layout), one.chosen)
+        if active.effect.fill is not None:
+            active.effect.fill(slots, active.theta, active.locus.mask(model.layout), active.chosen)
         sizes.append(2 * (slots.n_own - before))
     return replace(
         model,
@@ -79,7 +79,7 @@ def _state_keys(actives: Sequence[Active]) -> list[Hashable]:
 
     A key is the id, the locus, and the number of preceding effects with the same id and locus.
     """
-    places = [(one.effect.id, one.locus) for one in actives]
+    places = [(active.effect.id, active.locus) for active in actives]
     return [(*place, places[:i].count(place)) for i, place in enumerate(places)]
 
 

@@ -22,10 +22,10 @@ def distort(series: TimeSeries, actives: tuple[Active, ...]) -> TimeSeries:
     Raises:
         ParameterError: a channel that the series does not have.
     """
-    for one in actives:
-        if one.effect.distort is not None:
-            named = channels_of(series, one)
-            series = one.effect.distort(np.array(one.theta), series, named)
+    for active in actives:
+        if active.effect.distort is not None:
+            named = channels_of(series, active)
+            series = active.effect.distort(np.array(active.theta), series, named)
     return series
 
 
@@ -58,19 +58,19 @@ def on_channels(names: Sequence[str], actives: Sequence[Active]) -> tuple[Active
 
     Effects that name no channel change the whole recording and are included.
     """
-    found = []
-    for one in actives:
-        concerned = names_of(names, one)
-        inside = set(concerned) <= set(names) if concerned else not one.chosen.get("channels")
-        if one.effect.level == "sensor" and inside:
-            found.append(one)
-    return tuple(found)
+    selected = []
+    for active in actives:
+        concerned = names_of(names, active)
+        inside = set(concerned) <= set(names) if concerned else not active.chosen.get("channels")
+        if active.effect.level == "sensor" and inside:
+            selected.append(active)
+    return tuple(selected)
 
 
 def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[str]:
     """Return the known channels of a quantity (x, v or F) at the locus of an effect."""
     place = sensor_effect.locus
-    found = []
+    channels = []
     for name in known:
         kind, _, side = name.removeprefix(f"{prefix}_").partition("_")
         if name.startswith(f"{prefix}_") and (
@@ -78,8 +78,8 @@ def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[
             and place.planet in ("all", kind[2:])
             and place.side in ("all", side)
         ):
-            found.append(name)
-    return found
+            channels.append(name)
+    return channels
 
 
 def replaced(series: TimeSeries, columns: Mapping[str, Array]) -> TimeSeries:
@@ -99,5 +99,5 @@ def between(times: Array, values: Array, at: Array) -> Array:
     if len(times) < 2:
         return np.broadcast_to(values, at.shape)
     inside = np.clip(at, times[0], times[-1])
-    found: Array = Akima1DInterpolator(times, values)(inside)
-    return found
+    interpolated: Array = Akima1DInterpolator(times, values)(inside)
+    return interpolated

@@ -34,10 +34,10 @@ def root(a, b, slope_a, slope_b):
 @called
 def passed(gap):
     """Return whether any margin is negative at the end of a step and less than at its start."""
-    found = False
+    crossed = False
     for i in range(gap.shape[1]):
-        found = found or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
-    return found
+        crossed = crossed or (gap[END, i] < 0.0 and gap[END, i] < gap[START, i])
+    return crossed
 
 
 @called

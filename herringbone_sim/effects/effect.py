@@ -194,7 +194,7 @@ class Effect:
         """Return every locus of a gear that fits a pattern of ``loci``, without repetition."""
         planets = layout.planets if layout.numbered else ("all",)
         known = (KINDS, planets, SIDES)
-        found: dict[Locus, None] = {}
+        loci: dict[Locus, None] = {}
         for pattern in self.loci:
             parts = [
                 names if part == "*" else (part,)
@@ -202,8 +202,8 @@ class Effect:
             ]
             for mesh in parts[0]:
                 for planet in parts[1]:
-                    found |= {Locus(mesh, planet, side): None for side in parts[2]}
-        return tuple(found)
+                    loci |= {Locus(mesh, planet, side): None for side in parts[2]}
+        return tuple(loci)
 
 
 @dataclass(frozen=True)
@@ -265,15 +265,18 @@ def _check_locus(effect: Effect, locus: Locus) -> None:
     """
     parts = (str(locus.mesh), str(locus.planet), str(locus.side))
     everywhere = ("all", "all", "all")
-    whole = effect.level == "body" and effect.loci == (everywhere,)
+    indivisible = effect.level == "body" and effect.loci == (everywhere,)
     fits = [
-        all(of in ("all", "*", part) or part == "all" for of, part in zip(one, parts, strict=True))
-        for one in effect.loci
+        all(
+            allowed in ("all", "*", part) or part == "all"
+            for allowed, part in zip(pattern, parts, strict=True)
+        )
+        for pattern in effect.loci
     ]
-    if not any(fits) or (whole and parts != everywhere):
+    if not any(fits) or (indivisible and parts != everywhere):
         raise ParameterError(
-            f"{effect.id} acts at {' or '.join('/'.join(one) for one in effect.loci)}, got "
-            f"{shown('/'.join(parts))}: choose such a place (*: any name), or leave it out"
+            f"{effect.id} acts at {' or '.join('/'.join(pattern) for pattern in effect.loci)}"
+            f", got {shown('/'.join(parts))}: choose such a place (*: any name), or leave it out"
         )
 
 

@@ -104,8 +104,8 @@ def evaluate(
         AnalysisError: an effect adds states, and no forces were measured to drive them.
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
-    found = laws(model, actives)
-    if found.n_own and moved.force is None:
+    effect_laws = laws(model, actives)
+    if effect_laws.n_own and moved.force is None:
         raise AnalysisError(
             "an effect with states of its own is driven by the measured forces, the recording has "
             "none: record F of every mesh"
@@ -115,17 +115,17 @@ def evaluate(
     torque = np.empty((n, len(model.layout.bodies)))
     with pointers_allowed():
         recorded(
-            found.kernel,
-            found.site,
-            found.theta,
+            effect_laws.kernel,
+            effect_laws.site,
+            effect_laws.theta,
             gear_table(model) if table is None else table,
             moved.times,
             moved.now,
             moved.x,
             moved.v,
             force if moved.force is None else moved.force,
-            np.zeros(found.n_own),
-            scratch(model, found.n_own),
+            np.zeros(effect_laws.n_own),
+            scratch(model, effect_laws.n_own),
             SUBSTEPS,
             force,
             torque,

@@ -88,7 +88,7 @@ class Laws:
 
 def in_order(actives: Sequence[Active]) -> list[Active]:
     """Return effects in the order in which they act: those that are ``last`` after all others."""
-    return sorted(actives, key=lambda one: one.effect.last)
+    return sorted(actives, key=lambda active: active.effect.last)
 
 
 def laws(model: Model, actives: Sequence[Active]) -> Laws:
@@ -97,22 +97,22 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
     Raises:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
-    mine = in_order([one for one in actives if one.effect.level != "sensor"])
+    mine = in_order([active for active in actives if active.effect.level != "sensor"])
     used, chosen = len(mine), _padded(mine)
-    own = [one.effect.states(model) for one in chosen]
+    sizes = [active.effect.states(model) for active in chosen]
     excite, react, drive = pointers(mine, (EXCITE, REACT, DRIVE))
     return Laws(
         excite=excite,
         react=react,
         drive=drive,
-        theta=tuple(np.array(one.theta, dtype=float) for one in chosen),
-        site=tuple(_site(model, one) for one in chosen),
-        first=np.cumsum([0, *own]),
+        theta=tuple(np.array(active.theta, dtype=float) for active in chosen),
+        site=tuple(_site(model, active) for active in chosen),
+        first=np.cumsum([0, *sizes]),
         n_active=used,
         acts=np.array(
             [
-                (one.effect.excite is not no_excite, one.effect.react is not no_react)
-                for one in chosen
+                (active.effect.excite is not no_excite, active.effect.react is not no_react)
+                for active in chosen
             ]
         ),
     )
@@ -131,9 +131,12 @@ def pointers(
     ``signatures`` are those of Numba for the three. With ``lanes``, effects whose laws are not
     written for lanes get laws that do nothing.
     """
-    chosen = [one.effect if one.effect.lanes or not lanes else _NOTHING.effect for one in actives]
-    every = [*chosen, *(one.effect for one in _padded(actives)[len(actives) :])]
-    kinds = ([getattr(one, name) for one in every] for name in ("excite", "react", "drive"))
+    chosen = [
+        active.effect if active.effect.lanes or not lanes else _NOTHING.effect
+        for active in actives
+    ]
+    padded = [*chosen, *(active.effect for active in _padded(actives)[len(actives) :])]
+    kinds = ([getattr(effect, name) for effect in padded] for name in ("excite", "react", "drive"))
     excite, react, drive = (
         tuple(_pointer(function, signature) for function in functions)
         for functions, signature in zip(kinds, signatures, strict=True)

@@ -52,16 +52,16 @@ class LawStepper(Stepper):
         self.model = model
         self._entries: dict[Any, Any] = {}
         self._directions = None
-        found = laws(model, model.effects)
-        n, n_own = layout.n_mesh, found.n_own
+        effect_laws = laws(model, model.effects)
+        n, n_own = layout.n_mesh, effect_laws.n_own
         x, v, scaled = np.zeros((3, n))
         force = s.b_c * s.omega_n**2 / s.projection
         unit = np.ones(layout.n_state + n_own)
         unit[layout.n_state :] = np.resize([s.b_c, s.velocity_m_per_s], n_own)
         self.gear = Gear(
-            e=found.kernel,
-            site=found.site,
-            theta=found.theta,
+            e=effect_laws.kernel,
+            site=effect_laws.site,
+            theta=effect_laws.theta,
             gear=gear_table(model),
             p=of_one_type(model.packed),
             si=np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta, s.omega_n]),
@@ -72,7 +72,7 @@ class LawStepper(Stepper):
             unit=unit,
             carrier=carrier_row(model) * s.b_c,
             n_state=layout.n_state,
-            reacts=bool(found.acts[:, 1].any()),
+            reacts=bool(effect_laws.acts[:, 1].any()),
         )
 
     @property
@@ -117,7 +117,7 @@ class LawStepper(Stepper):
             self._entries[kernel] = kernel
             if hasattr(kernel, "compile"):
                 with pointers_allowed():
-                    kinds = tuple(typeof(one) for one in (self.gear, *args))
+                    kinds = tuple(typeof(argument) for argument in (self.gear, *args))
                     self._entries[kernel] = entry_point(kernel, kinds)
         return self._entries[kernel](self.gear, *args)
 

@@ -72,14 +72,14 @@ def contact_now(m, cycle, phase, y):
 @called
 def gap_along(m, cycle, phase, j, v):
     """Return the derivative of the deflection margin of mesh j along v, at stage 0."""
-    r, size, found = m.r, length(v), 0.0
+    r, size, derivative = m.r, length(v), 0.0
     for sign in (1.0, -1.0):
         for k in range(v.size):
             r.was[k] = r.y[0, k] + sign * APART / size * v[k]
         slope(m, cycle, phase, r.was, r.along[6])
         margins(m, LOW)
-        found += sign * r.gap[LOW, j] * size / (2.0 * APART)
-    return found
+        derivative += sign * r.gap[LOW, j] * size / (2.0 * APART)
+    return derivative
 
 
 @called
@@ -246,10 +246,10 @@ def grid_step(m, cycle, phase, h, y, tangents):
         reach = to_edge(m.p.windows, m.p.Omega, cycle, at)
         if done + reach > h - RESIDUE:
             reach = h - done
-        found = piece(m, cycle, at, reach, tangents)
-        if found < 0:
+        new_switches = piece(m, cycle, at, reach, tangents)
+        if new_switches < 0:
             return -1
-        switches += found
+        switches += new_switches
         done += reach
     for k in range(y.size):
         y[k] = r.y[0, k]

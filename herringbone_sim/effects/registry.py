@@ -54,13 +54,13 @@ def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
     ]
     modules += [point.load() for point in entry_points(group=GROUP)]
     modules += [load_file(Path(path)) for path in paths.split(os.pathsep) if path]
-    found: dict[str, Effect] = {}
+    by_id: dict[str, Effect] = {}
     for module in modules:
-        one = _of(module)
-        if one.id in found:
-            raise ParameterError(f"two effects are named {one.id}: rename that in {module}")
-        found[one.id] = one
-    return tuple(sorted(found.items()))
+        loaded = _of(module)
+        if loaded.id in by_id:
+            raise ParameterError(f"two effects are named {loaded.id}: rename that in {module}")
+        by_id[loaded.id] = loaded
+    return tuple(sorted(by_id.items()))
 
 
 def load_file(path: Path) -> ModuleType:
@@ -78,7 +78,9 @@ def load_file(path: Path) -> ModuleType:
 
 def _of(module: ModuleType) -> Effect:
     """Return ``EFFECT`` of a module; ParameterError if it is missing or no ``Effect``."""
-    one = getattr(module, "EFFECT", None)
-    if not isinstance(one, Effect):
-        raise ParameterError(f"{module} must hold EFFECT, an effects.effect.Effect, got {one!r}")
-    return one
+    loaded = getattr(module, "EFFECT", None)
+    if not isinstance(loaded, Effect):
+        raise ParameterError(
+            f"{module} must hold EFFECT, an effects.effect.Effect, got {loaded!r}"
+        )
+    return loaded

@@ -52,11 +52,11 @@ def run(m, y, tangents, growth, place, t, steps, stride, rows):
         if not write_row(m, t, y, rows[i]) < LIMIT:
             return t, i + 1, switches
         for _ in range(stride):
-            found = grid_step(m, place[0], TWO_PI * place[1] / steps, h, y, tangents)
-            if found < 0:
+            new_switches = grid_step(m, place[0], TWO_PI * place[1] / steps, h, y, tangents)
+            if new_switches < 0:
                 y[:] = np.nan
                 return t, i + 1, switches
-            switches += found
+            switches += new_switches
             t += h / m.si[FREQUENCY_N]
             place[1] += 1
             if place[1] == steps:

@@ -58,7 +58,7 @@ class _Named:
     values: tuple[float, ...] = ()
 
 
-def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Direction]]:
+def directions(model: Model, parameter_names: Sequence[str]) -> tuple[Model, list[Direction]]:
     """Return the gear with all named effects, and a direction for each name (see above).
 
     The gear is ``model`` itself unless an effect had to be added or moved off its neutral value.
@@ -69,19 +69,22 @@ def directions(model: Model, wanted: Sequence[str]) -> tuple[Model, list[Directi
     """
     parameters = model.parameters
     actives = list(acting(model.effects))
-    found = [_find(model, actives, name) for name in wanted]
+    named = [_find(model, actives, name) for name in parameter_names]
     base = model if actives == list(model.effects) else build_with(parameters, actives)
-    if base.n_own != model.n_own or not all(np.isfinite(one.value) for one in found):
+    if base.n_own != model.n_own or not all(np.isfinite(parameter.value) for parameter in named):
         raise ParameterError(
             "an effect with coordinates of its own has no derivative at size zero: give the gear "
             "ring_flexibility or bearing_clearance with a size first"
         )
-    made = []
-    for one in found:
-        step = STEP * one.size
-        pair = [_changed(parameters, actives, one, one.value + s * step) for s in (1.0, -1.0)]
-        made.append(Direction(one.name, pair[0], pair[1], step))
-    return base, made
+    along = []
+    for parameter in named:
+        step = STEP * parameter.size
+        pair = [
+            _changed(parameters, actives, parameter, parameter.value + s * step)
+            for s in (1.0, -1.0)
+        ]
+        along.append(Direction(parameter.name, pair[0], pair[1], step))
+    return base, along
 
 
 def _changed(
@@ -153,11 +156,11 @@ def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
             of sensors, or a name that fits more than one effect of the gear.
     """
     head, _, tail = name.partition(":")
-    *given, wanted = (part.strip() for part in tail.split(","))
+    *given, parameter_name = (part.strip() for part in tail.split(","))
     meant = parse_effect(f"{head}:{','.join(given)}")
-    effect, told = meant.effect, [pair.partition("=")[0].strip() for pair in given]
+    effect, given_names = meant.effect, [pair.partition("=")[0].strip() for pair in given]
     known = [p.name for p in effect.parameters]
-    if effect.level == "sensor" or wanted not in known:
+    if effect.level == "sensor" or parameter_name not in known:
         raise ParameterError(
             f"no derivative by {shown(name)}: {effect.id} has {', '.join(known)}"
             + (", and changes no motion" if effect.level == "sensor" else "")
@@ -165,23 +168,23 @@ def _find_in_effect(model: Model, actives: list[Active], name: str) -> _Named:
     values = parameter_values(meant)
     here = [
         i
-        for i, one in enumerate(actives)
-        if (one.effect, one.locus) == (effect, meant.locus)
-        and all(parameter_values(one)[key] == values[key] for key in told)
+        for i, active in enumerate(actives)
+        if (active.effect, active.locus) == (effect, meant.locus)
+        and all(parameter_values(active)[key] == values[key] for key in given_names)
     ]
     if len(here) > 1:
         raise ParameterError(
             f"{shown(name)} names {len(here)} effects of the gear: write values that tell them "
-            f"apart before {wanted}"
+            f"apart before {parameter_name}"
         )
     if not here:
         here = [len(actives)]
         neutral = [
-            value if p.name in told else zero
+            value if p.name in given_names else zero
             for p, value, zero in zip(effect.parameters, meant.theta, effect.neutral, strict=True)
         ]
         actives.append(meant.with_theta(neutral))
-    number, entry = here[0], known.index(wanted)
+    number, entry = here[0], known.index(parameter_name)
     actives[number] = _off_neutral(model, actives[number])
     value, p = actives[number].theta[entry], effect.parameters[entry]
     return _Named(name, value, _size(p, value), effect=number, entry=entry)

@@ -60,8 +60,10 @@ class Sensors:
         names = gear_stepper.model.layout.channels
         self.clock = clock or Clock()
         self._stepper = gear_stepper
-        self._actives = tuple(one for one in actives if one.effect.level == "sensor")
-        self._reach_s = max((one.effect.reach(one.theta) for one in self._actives), default=0.0)
+        self._actives = tuple(active for active in actives if active.effect.level == "sensor")
+        self._reach_s = max(
+            (active.effect.reach(active.theta) for active in self._actives), default=0.0
+        )
         self.before = np.empty((0, len(names))) if before is None else before
         check_sensors(gear_stepper.model.layout, self._actives)
 
@@ -70,7 +72,7 @@ class Sensors:
 
         They take over the reading of the clock and the latest samples.
         """
-        mine = tuple(one for one in actives if one.effect.level == "sensor")
+        mine = tuple(active for active in actives if active.effect.level == "sensor")
         clock = self.clock if mine == self._actives else Clock(t_s, self.shown_s(t_s))
         return Sensors(gear_stepper, mine, clock, self.before)
 
@@ -135,20 +137,22 @@ def check_sensors(layout: Layout, actives: Sequence[Active]) -> None:
 
     The layout lacks its place or a channel, it names no channel, or it needs a whole recording.
     """
-    for one in actives:
-        if one.effect.level != "sensor":
+    for active in actives:
+        if active.effect.level != "sensor":
             continue
-        one.locus.mask(layout)
-        channels = channels_of(_some_samples(layout), one)
-        if one.effect.needs_recording(channels):
+        active.locus.mask(layout)
+        channels = channels_of(_some_samples(layout), active)
+        if active.effect.needs_recording(channels):
             raise ParameterError(
-                f"{one.effect.id} of {', '.join(channels)} shows samples ever further away, which "
-                "a stream does not have: leave the effect or its channels out"
+                f"{active.effect.id} of {', '.join(channels)} shows samples ever further away, "
+                "which a stream does not have: leave the effect or its channels out"
             )
-        if any(o.start for o in one.effect.options) and not channels:
-            raise ParameterError(f"{one.effect.id} concerns no channel: name some, as channels=F")
-        if one.effect.distort is not None:
-            one.effect.distort(np.array(one.theta), _some_samples(layout), channels)
+        if any(o.start for o in active.effect.options) and not channels:
+            raise ParameterError(
+                f"{active.effect.id} concerns no channel: name some, as channels=F"
+            )
+        if active.effect.distort is not None:
+            active.effect.distort(np.array(active.theta), _some_samples(layout), channels)
 
 
 def _some_samples(layout: Layout, t_s: float = 0.0) -> TimeSeries:

@@ -96,9 +96,9 @@ class Slots:
         """
         acts = (stiffness != 0.0) | (displacement != 0.0)
         when = np.stack([period, position], axis=1)
-        for one in np.unique(when[acts], axis=0):
-            here = acts & (when == one).all(axis=1)
-            event = (float(one[0]), float(one[1]), width)
+        for timing in np.unique(when[acts], axis=0):
+            here = acts & (when == timing).all(axis=1)
+            event = (float(timing[0]), float(timing[1]), width)
             self._windows.append((event, stiffness * here, displacement * here))
 
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
@@ -123,7 +123,9 @@ class Slots:
     def _check_straight(self, bent: NDArray[np.bool_], what: str) -> None:
         """Raise ParameterError, which names the meshes (n,) that are bent, if there are any."""
         if bent.any():
-            meshes = [m for m, one in zip(self.model.layout.meshes, bent, strict=True) if one]
+            meshes = [
+                m for m, is_bent in zip(self.model.layout.meshes, bent, strict=True) if is_bent
+            ]
             raise ParameterError(
                 f"one effect alone may bend the {what} of a mesh, got a further one at "
                 f"{listed(meshes)}: give each meshes of its own, or leave one out"

@@ -51,12 +51,14 @@ def simulate(
         DivergenceError: the state left the range of any physical motion.
         ParameterError: as ``assemble``, or a channel that the gear lacks.
     """
-    made = stepper(model, actives)
-    block = made.advance(state or made.start(), cycles * model.parameters.samples_per_cycle)
+    gear_stepper = stepper(model, actives)
+    block = gear_stepper.advance(
+        state or gear_stepper.start(), cycles * model.parameters.samples_per_cycle
+    )
     if block.diverged:
         raise DivergenceError(
             f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with "
-            f"{', '.join(one.effect.id for one in actives)} and {model.parameters}"
+            f"{', '.join(active.effect.id for active in actives)} and {model.parameters}"
         )
     series = TimeSeries(block.rows[:, 0].copy(), block.rows, model.layout.channels)
     return distort(series, tuple(actives)), block.end

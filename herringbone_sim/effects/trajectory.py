@@ -51,24 +51,25 @@ class Trajectory:
         stepper, n = Stepper(self.model), self.model.n_state
         moved = NUDGE * np.eye(n)[:, None, :]
         sides = [
-            [stepper.read(self.states + s * one, self.places) for one in moved] for s in (1, -1)
+            [stepper.read(self.states + s * nudge, self.places) for nudge in moved]
+            for s in (1, -1)
         ]
-        found: Array = np.subtract(*np.array(sides)).transpose(1, 2, 0) / (2.0 * NUDGE)
-        return found
+        derivatives: Array = np.subtract(*np.array(sides)).transpose(1, 2, 0) / (2.0 * NUDGE)
+        return derivatives
 
     @cached_property
     def by_start(self) -> Array:
         """(n, n_channels, n_state) derivatives of ``rows`` [SI] by the first state."""
-        found: Array = self.by_reading @ self.transition
-        return found
+        derivatives: Array = self.by_reading @ self.transition
+        return derivatives
 
     @cached_property
     def by_parameters(self) -> Array:
         """(n, n_channels, p) derivatives of ``rows`` by the parameters, first state fixed."""
-        own = [self._direct(one) for one in self.directions]
+        direct = [self._direct(direction) for direction in self.directions]
         through = self.by_reading @ self.columns.transpose(0, 2, 1)
-        found: Array = through + np.array(own).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
-        return found
+        total: Array = through + np.array(direct).reshape(-1, *self.rows.shape).transpose(1, 2, 0)
+        return total
 
     def _direct(self, direction: Direction) -> Array:
         """Return the derivative (n, n_channels) of ``rows`` by a parameter, SI states fixed."""
@@ -105,8 +106,8 @@ def trajectory(
         ParameterError: an unknown name, ``method: rk4``, or effects by their own laws.
     """
     need_series(model, "derivatives")
-    gear, found = directions(model, names)
-    stepper, p = Stepper(gear, found), gear.parameters
+    gear, along = directions(model, names)
+    stepper, p = Stepper(gear, along), gear.parameters
     begin = stepper.start(gear.n_state)
     now = replace(
         begin,
@@ -116,4 +117,4 @@ def trajectory(
         tangents=np.eye(gear.n_state),
     )
     states, tangents, columns, places = stepper.trace(now, n_samples)
-    return Trajectory(gear, tuple(found), states, tangents.transpose(0, 2, 1), columns, places)
+    return Trajectory(gear, tuple(along), states, tangents.transpose(0, 2, 1), columns, places)

@@ -53,17 +53,17 @@ def parse_effect(text: str) -> Active:
         raise ParameterError(
             f"an effect is ID@MESH/PLANET/SIDE:NAME=VALUE,..., got {shown(text.strip())}: {FORM}"
         )
-    one = effect(name.strip())
-    lists = {o.name for o in one.options if isinstance(o.start, tuple)}
-    texts = {o.name for o in one.options if isinstance(o.start, str)}
+    named_effect = effect(name.strip())
+    lists = {o.name for o in named_effect.options if isinstance(o.start, tuple)}
+    texts = {o.name for o in named_effect.options if isinstance(o.start, str)}
     values: dict[str, Any] = {}
     for key, _, value in ((k.strip(), e, v.strip()) for k, e, v in pairs):
         if key in values:
-            raise ParameterError(f"{shown(key)} of {one.id} stands twice: leave one out")
-        whole = value if key in texts else number(value)
+            raise ParameterError(f"{shown(key)} of {named_effect.id} stands twice: leave one out")
+        single = value if key in texts else number(value)
         names = tuple(value.split("+")) if value else ()
-        values[key] = names if key in lists else whole
-    return active(one, Locus(*parts), values)
+        values[key] = names if key in lists else single
+    return active(named_effect, Locus(*parts), values)
 
 
 def number(text: str) -> float | int | str:
@@ -107,7 +107,7 @@ def parameter_values(active_effect: Active) -> dict[str, Any]:
 
 def effects_text(actives: Sequence[Active]) -> str:
     """Return effects as one line of text; the inverse of ``read_effects``."""
-    return "; ".join(_text(one) for one in actives)
+    return "; ".join(_text(active_effect) for active_effect in actives)
 
 
 def _text(active_effect: Active) -> str:

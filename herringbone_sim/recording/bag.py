@@ -109,11 +109,11 @@ def _span(tallies: Sequence[Tally]) -> dict[str, Any]:
 
 def _by_topic(tallies: Iterable[Tally]) -> list[Tally]:
     """Return one tally per topic with the message count over all files, without times."""
-    found: dict[str, Tally] = {}
+    totals: dict[str, Tally] = {}
     for tally in tallies:
-        whole = found.setdefault(tally.topic.name, Tally(tally.topic))
-        whole.count += tally.count
-    return list(found.values())
+        total = totals.setdefault(tally.topic.name, Tally(tally.topic))
+        total.count += tally.count
+    return list(totals.values())
 
 
 def _topic_metadata(tally: Tally) -> dict[str, Any]:

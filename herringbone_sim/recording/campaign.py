@@ -81,9 +81,11 @@ def read_campaign(folder: Path) -> Campaign:
         raise RecordingError(f"{file} lists no runs: a campaign has at least one")
     runs, faults = _runs(folder, entries)
     if not runs:
-        told = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_LISTED])
-        told += f"; and {len(faults) - MOST_LISTED} more" if len(faults) > MOST_LISTED else ""
-        raise RecordingError(f"{file} lists no run of a campaign that can be used: {told}")
+        fault_text = "; ".join(f"{name}: {reason}" for name, reason in faults[:MOST_LISTED])
+        fault_text += (
+            f"; and {len(faults) - MOST_LISTED} more" if len(faults) > MOST_LISTED else ""
+        )
+        raise RecordingError(f"{file} lists no run of a campaign that can be used: {fault_text}")
     sensors = sensor_values(str(file), content.get("sensors"))
     return Campaign(rig, share, tuple(runs), tuple(faults), sensors)
 
@@ -125,8 +127,8 @@ def _runs(folder: Path, entries: Sequence[Any]) -> tuple[list[CampaignRun], list
         if any(run.path == other.path for other in runs):
             faults.append((name, "campaign.yaml lists it twice: the second entry is not used"))
         elif any(run.path.name == other.path.name for other in runs):
-            told = f"another run has the folder name {run.path.name}: give it a name of its own"
-            faults.append((name, told))
+            reason = f"another run has the folder name {run.path.name}: give it a name of its own"
+            faults.append((name, reason))
         else:
             runs.append(run)
     return runs, faults
@@ -191,14 +193,14 @@ def sensor_values(place: str, given: Any) -> dict[str, dict[str, float]]:
     """
     given = given or {}
     try:
-        found = {
-            str(name): {str(key): float(value) for key, value in one.items()}
-            for name, one in given.items()
+        by_channel = {
+            str(name): {str(key): float(value) for key, value in values.items()}
+            for name, values in given.items()
         }
-        for name, one in found.items():
-            if not one.get("rms", 1.0) > 0.0:
+        for name, values in by_channel.items():
+            if not values.get("rms", 1.0) > 0.0:
                 raise ValueError(f"the rms of {name} must be above 0")
-        return found
+        return by_channel
     except (AttributeError, TypeError, ValueError) as error:
         raise RecordingError(
             f"sensors of {place} must be channels with numbers, as {{F_rp1_L: {{gain_tolerance: "

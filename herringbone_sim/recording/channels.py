@@ -133,7 +133,7 @@ def _count(value: Any) -> int:
 def _state(value: Any) -> StoredState:
     """Parse the state at the first sample; ValueError says what the value must be."""
     try:
-        y = tuple(_number(one) for one in value["y"])
+        y = tuple(_number(number) for number in value["y"])
         return StoredState(y, _count(value["cycle"]), _count(value["index"]), _number(value["t"]))
     except (KeyError, TypeError):
         raise ValueError("y, a list of numbers, cycle and index, two counts, and t") from None
@@ -142,7 +142,7 @@ def _state(value: Any) -> StoredState:
 def _clock(value: Any) -> Clock:
     """Parse the clock of the sensors; ValueError says what the value must be."""
     try:
-        return Clock(**{name: _number(one) for name, one in _mapping(value).items()})
+        return Clock(**{name: _number(time) for name, time in _mapping(value).items()})
     except (TypeError, ValueError):
         raise ValueError("t_s and shown_s, two numbers") from None
 

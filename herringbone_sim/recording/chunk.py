@@ -75,9 +75,9 @@ def records(body: memoryview, budget: UnpackBudget) -> Iterator[tuple[int, memor
     if len(packed) != length:
         raise ValueError("it is shorter than it says")
     budget.check(size)
-    content, found = _unpacked(packed, compression, size)
-    budget.remaining -= found
-    if found != size:
+    content, unpacked_size = _unpacked(packed, compression, size)
+    budget.remaining -= unpacked_size
+    if unpacked_size != size:
         raise ValueError(f"it does not unpack to the {size} bytes that it declares")
     if crc and zlib.crc32(content) != crc:
         raise ValueError("its checksum disagrees")
@@ -100,25 +100,25 @@ def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryvi
 
 def _zstd(packed: memoryview, content: memoryview) -> int:
     """Decompress zstd into ``content``; return its length, ``len(content) + 1`` if too long."""
-    found = 0
+    length = 0
     with zstandard.ZstdDecompressor().stream_reader(BytesIO(packed)) as reader:
-        while found < len(content) and (n := reader.readinto(content[found:])):
-            found += n
-        return found + len(reader.read(1))
+        while length < len(content) and (n := reader.readinto(content[length:])):
+            length += n
+        return length + len(reader.read(1))
 
 
 def _lz4(packed: memoryview, content: memoryview) -> int:
     """Decompress lz4 into ``content``; return its length, ``len(content) + 1`` if too long."""
-    found, unpack = 0, lz4.frame.LZ4FrameDecompressor()
+    length, unpack = 0, lz4.frame.LZ4FrameDecompressor()
     for at in range(0, len(packed), _SLICE):
-        piece = unpack.decompress(packed[at : at + _SLICE], len(content) - found + 1)
-        if found + len(piece) > len(content):
-            return found + len(piece)
-        content[found : found + len(piece)] = piece
-        found += len(piece)
+        piece = unpack.decompress(packed[at : at + _SLICE], len(content) - length + 1)
+        if length + len(piece) > len(content):
+            return length + len(piece)
+        content[length : length + len(piece)] = piece
+        length += len(piece)
         if unpack.eof:
             break
-    return found
+    return length
 
 
 _UNPACK = {"lz4": _lz4, "zstd": _zstd}

@@ -117,18 +117,18 @@ def _checked(folder: Path, content: Mapping[Any, Any]) -> BagInformation:
 
 def _texts(value: Any) -> list[str]:
     """Return a value that is a list of strings; an empty list for anything else."""
-    good = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    good = isinstance(value, list) and all(isinstance(entry, str) for entry in value)
     return list(value) if good else []
 
 
 def _distinct(folder: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the names of distinct files, and the names that lead to a file named before."""
-    found: dict[str, str] = {}
+    name_by_path: dict[str, str] = {}
     twice = []
     for name in names:
-        if found.setdefault(os.path.realpath(folder / name), name) is not name:
+        if name_by_path.setdefault(os.path.realpath(folder / name), name) is not name:
             twice.append(name)
-    return list(found.values()), twice
+    return list(name_by_path.values()), twice
 
 
 def _lost(content: Mapping[Any, Any]) -> list[str]:
@@ -142,10 +142,10 @@ def _unlisted(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Return files named like those of the run, NAME_0.mcap, that are not in ``names``."""
     runs = {numbered[1] for name in names if (numbered := NUMBERED.fullmatch(name))}
     known = set(names)
-    found = sorted(folder.glob("*.mcap"), key=lambda file: natural(file.name)) if runs else []
+    mcap_files = sorted(folder.glob("*.mcap"), key=lambda file: natural(file.name)) if runs else []
     return tuple(
         file.name
-        for file in found
+        for file in mcap_files
         if file.name not in known
         and (numbered := NUMBERED.fullmatch(file.name))
         and numbered[1] in runs

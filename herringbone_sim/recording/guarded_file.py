@@ -37,13 +37,13 @@ class FileIdentity:
 
     def fault(self, folder: Path) -> str:
         """Return what happened to the file in ``folder``, as a predicate; empty if unchanged."""
-        found = _named(folder / self.path.name)
-        if found is None:
+        path_stat = _named(folder / self.path.name)
+        if path_stat is None:
             return "is no longer there"
-        if (found.st_dev, found.st_ino) != (self.device, self.inode):
+        if (path_stat.st_dev, path_stat.st_ino) != (self.device, self.inode):
             return "was replaced by another file"
-        if found.st_size != self.size:
-            return f"has {found.st_size} of its {self.size} bytes"
+        if path_stat.st_size != self.size:
+            return f"has {path_stat.st_size} of its {self.size} bytes"
         return ""
 
 
@@ -99,25 +99,28 @@ class GuardedFile:
 
     def check(self) -> FileIdentity:
         """Return the identity; FileLostError if the path leads elsewhere or the size is wrong."""
-        held, found = os.fstat(self.handle), _named(self.path)
-        whole = held.st_size == self.position
-        if found is None or (found.st_dev, found.st_ino) != (held.st_dev, held.st_ino):
-            if held.st_nlink and whole:
-                raise FileLostError("was moved away", self._where(held))
-            raise FileLostError("was replaced by another file" if found else "was deleted")
-        if not whole:
-            sizes = f"{held.st_size} bytes instead of {self.position}"
+        open_stat, path_stat = os.fstat(self.handle), _named(self.path)
+        right_size = open_stat.st_size == self.position
+        if path_stat is None or (path_stat.st_dev, path_stat.st_ino) != (
+            open_stat.st_dev,
+            open_stat.st_ino,
+        ):
+            if open_stat.st_nlink and right_size:
+                raise FileLostError("was moved away", self._where(open_stat))
+            raise FileLostError("was replaced by another file" if path_stat else "was deleted")
+        if not right_size:
+            sizes = f"{open_stat.st_size} bytes instead of {self.position}"
             raise FileLostError(f"was changed by another program: it has {sizes}", cut=True)
-        return FileIdentity(self.path, held.st_dev, held.st_ino, held.st_size)
+        return FileIdentity(self.path, open_stat.st_dev, open_stat.st_ino, open_stat.st_size)
 
-    def _where(self, held: os.stat_result) -> str:
+    def _where(self, open_stat: os.stat_result) -> str:
         """Return the present path of the open file, or ``another name`` if it is unknown."""
         try:
             path = os.readlink(f"/proc/self/fd/{self.handle}")
-            found = os.stat(path)
+            path_stat = os.stat(path)
         except OSError:
             return "another name"
-        same = (found.st_dev, found.st_ino) == (held.st_dev, held.st_ino)
+        same = (path_stat.st_dev, path_stat.st_ino) == (open_stat.st_dev, open_stat.st_ino)
         return path if same else "another name"
 
     def cut(self) -> None:

@@ -58,9 +58,9 @@ def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Arra
     """
     blocks = _Samples(Path(path))
     for file in bag_files(path):
-        for found in Scan(file).messages():
-            if is_samples(found.topic):
-                yield blocks.decode(found)
+        for message in Scan(file).messages():
+            if is_samples(message.topic):
+                yield blocks.decode(message)
 
 
 class _Samples:
@@ -132,17 +132,17 @@ class _Loading:
         """Read all messages of the next file."""
         scan = Scan(file)
         has_channels = False
-        for found in scan.messages():
+        for message in scan.messages():
             self.n_messages += 1
-            last = found.topic.name.rpartition("/")[2]
-            if is_samples(found.topic):
-                self._take_rows(self.samples.decode(found)[1])
+            last = message.topic.name.rpartition("/")[2]
+            if is_samples(message.topic):
+                self._take_rows(self.samples.decode(message)[1])
             elif last == "channels" and not has_channels:
                 has_channels = True
-                self._guarded(self._take_channels, found)
+                self._guarded(self._take_channels, message)
             elif last == "parameter_events":
-                self._take_memory(_EVENT_BYTES + _EVENT_RATIO * len(found.message))
-                self._guarded(self._take_event, found)
+                self._take_memory(_EVENT_BYTES + _EVENT_RATIO * len(message.message))
+                self._guarded(self._take_event, message)
         self._take_scan(scan)
 
     def finish(self) -> RawRecording:

@@ -130,8 +130,8 @@ def _numbers(value: Any) -> list[float] | None:
     many = [value] if isinstance(value, (int, float, str)) else value
     if many is None:
         return None
-    found = [number for one in many if (number := _number(one)) is not None]
-    return found if len(found) == len(many) else None
+    numbers = [number for entry in many if (number := _number(entry)) is not None]
+    return numbers if len(numbers) == len(many) else None
 
 
 def is_known(name: str) -> bool:

@@ -50,8 +50,8 @@ def load_parameters(path: Path | str) -> Parameters:
     parameters, actives = load_gear(path)
     if actives:
         raise ParameterError(
-            f"{path}: the gear has effects ({', '.join(one.effect.id for one in actives)}), and a "
-            "nominal gear is meant, which has none: leave them out of the file"
+            f"{path}: the gear has effects ({', '.join(active.effect.id for active in actives)}), "
+            "and a nominal gear is meant, which has none: leave them out of the file"
         )
     return parameters
 
@@ -103,8 +103,8 @@ def ros_text(path: Path | str) -> str:
             values[EFFECTS] = effects_text(read_effects(values[EFFECTS]))
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
-    kept = {name: value for name, value in values.items() if value != []}
-    document = {"/**": {"ros__parameters": kept}}
+    parameters = {name: value for name, value in values.items() if value != []}
+    document = {"/**": {"ros__parameters": parameters}}
     return str(yaml.dump(document, Dumper=_Quoting, sort_keys=False, width=math.inf))
 
 
@@ -145,7 +145,7 @@ def _line(name: str, value: Any) -> str:
 def _text(value: Any) -> str:
     """Return the YAML text of a value; a float is read back as the same float."""
     if isinstance(value, tuple):
-        return f"[{', '.join(_text(one) for one in value)}]"
+        return f"[{', '.join(_text(entry) for entry in value)}]"
     if not isinstance(value, float):
         return str(value)
     if value == 0.0 or _OFTEN[0] <= abs(value) < _OFTEN[1]:

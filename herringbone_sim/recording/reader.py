@@ -91,14 +91,16 @@ def read_recording(
             "with cut_at_jump=True the longest stretch without a jump"
         )
     if jump is not None:
-        kept = longest_stretch(times)
-        rest = len(times) - (kept.stop - kept.start)
-        where = "from there on" if kept.start == 0 else f"outside of {kept.start}:{kept.stop}"
+        stretch = longest_stretch(times)
+        n_left_out = len(times) - (stretch.stop - stretch.start)
+        where = (
+            "from there on" if stretch.start == 0 else f"outside of {stretch.start}:{stretch.stop}"
+        )
         raw.notes.append(
-            f"time goes from {before!r} s to {after!r} s at sample {jump}: {rest} samples "
+            f"time goes from {before!r} s to {after!r} s at sample {jump}: {n_left_out} samples "
             f"{where} are left out"
         )
-        times, rows = times[kept], rows[kept]
+        times, rows = times[stretch], rows[stretch]
     samples = TimeSeries(times, rows, raw.names)
     notes = tuple(raw.notes)
     at = None if jump is None else before

@@ -54,26 +54,26 @@ class Survey:
 
 def survey(file: Path) -> Survey:
     """Read an MCAP file to its end and count its content; RecordingError if it can't be read."""
-    found = Survey(Scan(file))
+    file_survey = Survey(Scan(file))
     n_unread = 0
-    for message in found.scan.messages():
-        tally = found.tallies.setdefault(_key(message.topic), Tally(message.topic))
+    for message in file_survey.scan.messages():
+        tally = file_survey.tallies.setdefault(_key(message.topic), Tally(message.topic))
         tally.add(message.log_ns)
         if is_samples(message.topic):
             try:
-                _count_samples(found, message)
+                _count_samples(file_survey, message)
             except RecordingError as error:
                 n_unread += 1
-                told = f"a message of {message.topic.name} is kept, but can't be read: {error}"
-                found.notes += [told] * (n_unread <= MOST_NOTES)
-    topics = {_key(topic): topic for topic in found.scan.topics.values()}
-    ordered = {key: found.tallies.get(key, Tally(topic)) for key, topic in topics.items()}
-    found.tallies = ordered | found.tallies
-    for tally in found.tallies.values():
+                note = f"a message of {message.topic.name} is kept, but can't be read: {error}"
+                file_survey.notes += [note] * (n_unread <= MOST_NOTES)
+    topics = {_key(topic): topic for topic in file_survey.scan.topics.values()}
+    ordered = {key: file_survey.tallies.get(key, Tally(topic)) for key, topic in topics.items()}
+    file_survey.tallies = ordered | file_survey.tallies
+    for tally in file_survey.tallies.values():
         tally.topic, notes = _with_good_qos(tally.topic)
-        found.notes += notes
-    found.notes += found.scan.notes
-    return found
+        file_survey.notes += notes
+    file_survey.notes += file_survey.scan.notes
+    return file_survey
 
 
 def _key(topic: Topic) -> tuple[str, str]:
@@ -94,7 +94,7 @@ def _with_good_qos(topic: Topic) -> tuple[Topic, list[str]]:
     """Return the topic, without QoS profiles that can't be parsed, and notes on that."""
     try:
         profiles = parse_yaml(topic.metadata.get(_QOS, "")) or []
-        if isinstance(profiles, list) and all(isinstance(one, dict) for one in profiles):
+        if isinstance(profiles, list) and all(isinstance(profile, dict) for profile in profiles):
             return topic, []
     except YamlError:
         pass
@@ -137,7 +137,9 @@ def rebuild(source: Survey, part: Path, name: str) -> Sequence[Tally]:
 
 def _records(source: Survey) -> list[tuple[str, dict[str, str]]]:
     """Return the metadata records of the copy: those of the source, marked as recovered."""
-    told = [record for record in source.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)]
-    own = dict(source.scan.metadata).get(RECORD_NAME, {})
-    counted = {"samples_written": str(source.samples), **own, "recovered": "true"}
-    return [*told, (RECORD_NAME, counted)]
+    other_records = [
+        record for record in source.scan.metadata if record[0] not in ("rosbag2", RECORD_NAME)
+    ]
+    source_fields = dict(source.scan.metadata).get(RECORD_NAME, {})
+    counted = {"samples_written": str(source.samples), **source_fields, "recovered": "true"}
+    return [*other_records, (RECORD_NAME, counted)]

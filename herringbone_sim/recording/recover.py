@@ -104,7 +104,7 @@ def _files(path: Path) -> list[Path]:
         return [path]
     folder = path.parent if alone else path
     files = bag_files(folder)
-    runs = {found[1] if (found := NUMBERED.fullmatch(file.name)) else file for file in files}
+    runs = {numbered[1] if (numbered := NUMBERED.fullmatch(file.name)) else file for file in files}
     if len(runs) > 1 or (alone and path.name not in {file.name for file in files}):
         raise RecordingError(
             f"the files of a run must be NAME_0.mcap, NAME_1.mcap, ... in a folder of its own, "
@@ -126,20 +126,23 @@ def _check_ended(files: Sequence[Path]) -> None:
 
 def _report(surveys: Sequence[Survey], information: BagInformation) -> RecoveryReport:
     """Make the report as it is before anything is written."""
-    spans = [one.span_s for one in surveys if one.span_s]
-    cut = [one.scan for one in surveys if not one.scan.complete]
+    spans = [file_survey.span_s for file_survey in surveys if file_survey.span_s]
+    cut = [file_survey.scan for file_survey in surveys if not file_survey.scan.complete]
     return RecoveryReport(
-        paths=tuple(one.file for one in surveys),
+        paths=tuple(file_survey.file for file_survey in surveys),
         was_complete=not cut,
         changed=False,
-        messages=sum(one.messages for one in surveys),
-        samples=sum(one.samples for one in surveys),
+        messages=sum(file_survey.messages for file_survey in surveys),
+        samples=sum(file_survey.samples for file_survey in surveys),
         span_s=(spans[0][0], spans[-1][1]) if spans else None,
         bytes_dropped=sum(scan.size - scan.intact_bytes for scan in cut),
-        chunks_dropped=sum(one.scan.damaged for one in surveys),
+        chunks_dropped=sum(file_survey.scan.damaged for file_survey in surveys),
         originals=(),
         missing=information.missing,
-        notes=(*(note for one in surveys for note in one.notes), *information.file_notes),
+        notes=(
+            *(note for file_survey in surveys for note in file_survey.notes),
+            *information.file_notes,
+        ),
     )
 
 
@@ -155,10 +158,11 @@ def _recover_elsewhere(
     names, missing = _new_names(surveys, report.missing, out.name)
     try:
         tallies = [
-            rebuild(one, part / name, name) for one, name in zip(surveys, names, strict=True)
+            rebuild(file_survey, part / name, name)
+            for file_survey, name in zip(surveys, names, strict=True)
         ]
-        held = dict(zip(names, tallies, strict=True))
-        write_metadata(part, split_metadata(held, missing))
+        tallies_by_file = dict(zip(names, tallies, strict=True))
+        write_metadata(part, split_metadata(tallies_by_file, missing))
         part.rename(out)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
@@ -171,9 +175,9 @@ def _new_names(
     surveys: Sequence[Survey], missing: Sequence[str], run: str
 ) -> tuple[list[str], list[str]]:
     """Return names that the files and the missing files get in a run of another name."""
-    own = [one.file.name for one in surveys]
-    places = {old: place for place, old in enumerate(sorted([*own, *missing], key=natural))}
-    names, lost = ([f"{run}_{places[old]}.mcap" for old in part] for part in (own, missing))
+    present = [file_survey.file.name for file_survey in surveys]
+    places = {old: place for place, old in enumerate(sorted([*present, *missing], key=natural))}
+    names, lost = ([f"{run}_{places[old]}.mcap" for old in part] for part in (present, missing))
     return names, lost
 
 
@@ -181,11 +185,11 @@ def _sweep_folder(part: Path, name: str) -> None:
     """Remove the folder of a killed recovery; RecordingError if it holds anything else."""
     if not os.path.lexists(part):
         return
-    held = {file.name for file in part.iterdir()} if part.is_dir() else {part.name}
+    present = {file.name for file in part.iterdir()} if part.is_dir() else {part.name}
     strange = [
-        one
-        for one in held - {METADATA_NAME, f"{METADATA_NAME}.part"}
-        if (numbered := NUMBERED.fullmatch(one)) is None or numbered[1] != name
+        file_name
+        for file_name in present - {METADATA_NAME, f"{METADATA_NAME}.part"}
+        if (numbered := NUMBERED.fullmatch(file_name)) is None or numbered[1] != name
     ]
     if strange or part.is_symlink():
         raise RecordingError(
@@ -199,21 +203,21 @@ def _recover_in_place(
     surveys: Sequence[Survey], report: RecoveryReport, information: BagInformation
 ) -> RecoveryReport:
     """Replace unfinished files by recovered files in the run folder; return the final report."""
-    cut = [one for one in surveys if not one.scan.complete]
-    for one in cut:
-        _check_original_name(one)
-    for one in surveys:
+    cut = [file_survey for file_survey in surveys if not file_survey.scan.complete]
+    for file_survey in cut:
+        _check_original_name(file_survey)
+    for file_survey in surveys:
         for half in ("part", "cut.part"):
-            _beside(one.file, half).unlink(missing_ok=True)
+            _beside(file_survey.file, half).unlink(missing_ok=True)
     for following in _next(surveys[-1].file):
         following.unlink(missing_ok=True)
     originals = []
-    for one in cut:
-        part = _beside(one.file, "part")
-        rebuild(one, part, one.file.name)
-        if one.loses_data:
-            originals.append(_keep_original(one.file))
-        part.replace(one.file)
+    for file_survey in cut:
+        part = _beside(file_survey.file, "part")
+        rebuild(file_survey, part, file_survey.file.name)
+        if file_survey.loses_data:
+            originals.append(_keep_original(file_survey.file))
+        part.replace(file_survey.file)
     written = _mend_metadata(surveys, information)
     notes = report.notes
     if written and not cut:
@@ -236,14 +240,14 @@ def _beside(file: Path, ending: str) -> Path:
 
 def _check_original_name(file_survey: Survey) -> None:
     """Raise RecordingError if another file has the name that the original will get."""
-    kept = _beside(file_survey.file, "cut")
+    original = _beside(file_survey.file, "cut")
     if (
         file_survey.loses_data
-        and os.path.lexists(kept)
-        and not _is_original(file_survey.file, kept)
+        and os.path.lexists(original)
+        and not _is_original(file_survey.file, original)
     ):
         raise RecordingError(
-            f"{kept} exists, from a recovery before this one: move it away, then recover again"
+            f"{original} exists, from a recovery before this one: move it away, then recover again"
         )
 
 
@@ -256,26 +260,30 @@ def _is_original(file: Path, original: Path) -> bool:
 
 def _keep_original(file: Path) -> Path:
     """Link a cut file to ``NAME.cut``, or copy it where links are impossible; return that path."""
-    kept = _beside(file, "cut")
-    if _is_original(file, kept):
-        return kept
+    original = _beside(file, "cut")
+    if _is_original(file, original):
+        return original
     try:
-        os.link(file, kept)
+        os.link(file, original)
     except OSError:
-        copy = _beside(kept, "part")
+        copy = _beside(original, "part")
         with file.open("rb") as source, copy.open("wb") as target:
             shutil.copyfileobj(source, target)
             target.flush()
             os.fsync(target.fileno())
-        copy.replace(kept)
-    return kept
+        copy.replace(original)
+    return original
 
 
 def _mend_metadata(surveys: Sequence[Survey], information: BagInformation) -> bool:
     """Write ``metadata.yaml`` if it does not describe the files; return whether it was written."""
-    held = {one.file.name: tuple(one.tallies.values()) for one in surveys}
+    tallies_by_file = {
+        file_survey.file.name: tuple(file_survey.tallies.values()) for file_survey in surveys
+    }
     folder = surveys[0].file.parent
-    if information.up_to_date and information.n_messages == sum(one.messages for one in surveys):
+    if information.up_to_date and information.n_messages == sum(
+        file_survey.messages for file_survey in surveys
+    ):
         return False
-    write_metadata(folder, split_metadata(held, information.missing))
+    write_metadata(folder, split_metadata(tallies_by_file, information.missing))
     return True

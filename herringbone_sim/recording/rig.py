@@ -108,24 +108,24 @@ def hidden_effects(seed: int, model: Model) -> tuple[Active, ...]:
 
 def _drawn(name: str, model: Model, rng: Generator) -> Active:
     """Draw locus, options and parameters of the effect with the id ``name``."""
-    one = effects()[name]
+    effect = effects()[name]
     if name == "channel_swap":
         planets = rng.permutation(len(model.layout.planets))[:2]
         prefix, side = rng.choice(("x", "v", "F")), rng.choice(("L", "R"))
         swapped = tuple(f"{prefix}_sp{model.layout.planets[i]}_{side}" for i in planets)
-        return active(one, values={"channels": swapped})
-    places = one.candidates(model.layout)
-    members = [o for o in one.options if o.name == "member"]
+        return active(effect, values={"channels": swapped})
+    places = effect.candidates(model.layout)
+    members = [o for o in effect.options if o.name == "member"]
     places = tuple(p for p in places if p.mesh != "all") or places if members else places
     place = places[int(rng.integers(len(places)))]
     values: dict[str, Any] = {
         o.name: o.choices[int(rng.integers(len(o.choices)))]
-        for o in one.options
+        for o in effect.options
         if o.choices and not o.bends
     }
     if members:
         values["member"] = rng.choice(("sun" if place.mesh == "sp" else "ring", "planet")).item()
-    for p in (p for p in one.parameters if not p.bends):
+    for p in (p for p in effect.parameters if not p.bends):
         if p.neutral is None:
             values[p.name] = (
                 p.start if p.start else float(rng.uniform(max(p.low, -3.0), min(p.high, 3.0)))
@@ -135,7 +135,7 @@ def _drawn(name: str, model: Model, rng: Generator) -> Active:
         size = (p.start - neutral) * float(rng.uniform(0.7, 2.0))
         sign = rng.choice((-1.0, 1.0)) if p.low < neutral - abs(size) else 1.0
         values[p.name] = float(np.clip(neutral + sign * size, p.low, p.high))
-    return active(one, place, values)
+    return active(effect, place, values)
 
 
 def make_campaign(folder: Path, plan: RigPlan, name: str) -> dict[str, Any]:
@@ -188,14 +188,16 @@ def within_tolerance(
         [factors["e_sp"], factors["e_rp"]], n // 2
     )
     changed: dict[str, Any] = {
-        one: getattr(nominal, one) * factors[one] for one in names if not one.startswith("e_")
+        parameter: getattr(nominal, parameter) * factors[parameter]
+        for parameter in names
+        if not parameter.startswith("e_")
     }
     changed |= {"e_factor": e.tolist(), "omega_n": build(nominal).scales.omega_n}
     return nominal.changed(changed), factors
 
 
 def make_run(
-    plan: RigPlan, own: Parameters, point: dict[str, float], rng: Generator
+    plan: RigPlan, built_gear: Parameters, point: dict[str, float], rng: Generator
 ) -> TimeSeries:
     """Simulate a run; return its samples as sensors and converter of the rig record them.
 
@@ -204,7 +206,7 @@ def make_run(
 
     Args:
         plan: settings of the campaign.
-        own: parameters of the built gear.
+        built_gear: its parameters.
         point: operating point delta_T [K], K, T_1 [N m], Omega.
         rng: source of initial state and noise.
 
@@ -212,10 +214,12 @@ def make_run(
         DivergenceError: the state left the range of any physical motion.
     """
     nominal = build(plan.nominal.changed(point))
-    ratio = nominal.scales.M_c / build(own).scales.M_c
+    ratio = nominal.scales.M_c / build(built_gear).scales.M_c
     start = {"initial_noise": 0.05, "seed": int(rng.integers(2**31 - 1))}
-    model = build(own.changed({**point, **start, "K": point["K"] * ratio}))
-    of_gear = [one for one in plan.actives if one.effect.level != "sensor"]
+    model = build(built_gear.changed({**point, **start, "K": point["K"] * ratio}))
+    of_gear = [
+        active_effect for active_effect in plan.actives if active_effect.effect.level != "sensor"
+    ]
     _, settled = simulate(model, of_gear, plan.transient)
     series, _ = simulate(model, of_gear, plan.cycles, settled)
     shown = _as_encoders(series, model, nominal, point["K"])
@@ -264,7 +268,7 @@ def _point(i: int, rng: Generator) -> dict[str, float]:
 
 def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
     """Write a run as the bag ``name`` in a folder."""
-    channels = {"channels": [describe(one) for one in series.names], "source": rig}
+    channels = {"channels": [describe(channel) for channel in series.names], "source": rig}
     writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
     for rows in split_rows(len(series), len(series.names)):
         writer.write_samples(series.data[rows])
@@ -280,14 +284,14 @@ def _label(
         "schema": SCHEMA,
         "seed": plan.seed,
         "later": plan.later,
-        "truth": sorted({one.effect.id for one in plan.actives}) or ["none"],
+        "truth": sorted({active_effect.effect.id for active_effect in plan.actives}) or ["none"],
         "effects": [
             {
-                "effect": one.effect.id,
-                "locus": vars(one.locus).copy(),
-                "parameters": _with_units(one),
+                "effect": active_effect.effect.id,
+                "locus": vars(active_effect.locus).copy(),
+                "parameters": _with_units(active_effect),
             }
-            for one in plan.actives
+            for active_effect in plan.actives
         ],
         "noise_share": plan.noise_share,
         "tolerance": factors,

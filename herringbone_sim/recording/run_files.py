@@ -165,7 +165,7 @@ class RunFiles:
 
     def _write_metadata(self) -> None:
         """Write ``metadata.yaml``; RecordingError says how to repair the run if that fails."""
-        files = {one.file.path.name: one.tallies for one in self._finished}
+        files = {finished.file.path.name: finished.tallies for finished in self._finished}
         try:
             write_metadata(self.folder, split_metadata(files))
         except OSError as error:
@@ -242,18 +242,18 @@ class RunFiles:
     def _note_gone(self, moved: Path | None = None) -> None:
         """Add a loss for each finished file not intact in the run folder, nor in ``moved``."""
         places = [self.folder] if moved is None else [self.folder, moved]
-        for one in list(self._finished):
-            faults = [one.file.fault(place) for place in places]
+        for finished in list(self._finished):
+            faults = [finished.file.fault(place) for place in places]
             if all(faults):
-                self._finished.remove(one)
-                self.losses.append(f"{one.file.path} {faults[0]}: {one.count.lose(0)}")
+                self._finished.remove(finished)
+                self.losses.append(f"{finished.file.path} {faults[0]}: {finished.count.lose(0)}")
 
 
 def readable_samples(file: Path, topic: str) -> int:
     """Count the samples of a topic that can still be read from a file."""
-    found = 0
+    n_samples = 0
     with suppress(RecordingError):
-        for one in Scan(file).messages():
-            if one.topic.name == topic:
-                found += len(decode_samples(one.message)[1])
-    return found
+        for message in Scan(file).messages():
+            if message.topic.name == topic:
+                n_samples += len(decode_samples(message.message)[1])
+    return n_samples

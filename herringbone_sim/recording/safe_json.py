@@ -65,7 +65,9 @@ def parse_json(
         raise JsonError(f"it must be a JSON object, got {type(content).__name__}")
     level: list[Any] = [content]
     for _ in range(levels):
-        level = [one for held in level for one in _held(held) if isinstance(one, (dict, list))]
+        level = [
+            child for parent in level for child in _held(parent) if isinstance(child, (dict, list))
+        ]
     if level:
         raise JsonError(f"its brackets may nest {levels} deep")
     return content

@@ -42,7 +42,7 @@ class Near(NamedTuple):
     table: Array  # (n, 2 p, rows, entries) constants, plus and minus of each in turn
     steps: Array  # (n, p, 1) eps
     starts: Array  # (n, p, n_state) columns at the start
-    found: Array  # (n, p, n_state) columns at the end
+    ends: Array  # (n, p, n_state) columns at the end
     constants: Array  # (2 p, rows, entries, LANES) of the models in the lanes
     step: Array  # (p, 1, LANES) eps of the models in the lanes
     excites: Flags  # (p,) whether k, e or the loads of any model differ between the neighbours
@@ -102,10 +102,10 @@ def take_columns(near, lane, value):
 
 @called
 def tell_columns(near, lane, value):
-    """Copy the columns of a lane into ``near.found``, as results of model number ``value``."""
+    """Copy the columns of a lane into ``near.ends``, as results of model number ``value``."""
     for c in range(near.columns.shape[0]):
         for j in range(near.columns.shape[1]):
-            near.found[value, c, j] = get(near.columns, c, j, lane)
+            near.ends[value, c, j] = get(near.columns, c, j, lane)
 
 
 @inlined

@@ -20,8 +20,8 @@ def distort(
     """Return the series with two channels swapped; ParameterError unless there are two."""
     if len(channels) != 2:
         raise ParameterError(f"channel_swap takes two channels, got {listed(channels)}: name both")
-    one, other = channels
-    return replaced(series, {one: series[other], other: series[one]})
+    first, second = channels
+    return replaced(series, {first: series[second], second: series[first]})
 
 
 EFFECT = Effect(

@@ -20,9 +20,9 @@ MASS, COS_BETA, SHARE = range(1, 4)
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
     """Return ``site``, rows (4, n_mesh): mask, M_r [kg], cos beta, planets a mesh represents."""
-    one = np.ones(mask.shape)
+    ones = np.ones(mask.shape)
     s = model.scales
-    return np.stack([mask, s.M_r * one, s.cos_beta * one, model.packed.multiplicity * one])
+    return np.stack([mask, s.M_r * ones, s.cos_beta * ones, model.packed.multiplicity * ones])
 
 
 @law
@@ -64,7 +64,7 @@ def fill(
     M_r, cos_beta = model.scales.M_r, model.scales.cos_beta
     ring = np.concatenate([0.0 * mask[: mask.size // 2], mask[mask.size // 2 :]])
     side = np.arange(mask.size) // (mask.size // 4) % 2
-    here = np.array([ring * (side == one) for one in range(2)])
+    here = np.array([ring * (side == half) for half in range(2)])
     here = here[here.any(axis=1)]
     s, bodies = len(here), len(model.layout.bodies)
     damping = 2.0 * theta[1] * np.sqrt(theta[0] * M_r)

@@ -35,16 +35,16 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
     ring = is_ring(model.layout)
     tan = np.tan(np.radians(p.alpha_n)) / s.cos_beta
     pitch = TWO_PI * s.r_bs / p.z_s
-    one = np.ones(mask.shape)
+    ones = np.ones(mask.shape)
     return np.stack(
         [
             mask,
-            tan * one,
+            tan * ones,
             pitch / np.where(ring > 0.0, s.r_bp, s.r_bs),
             pitch / np.where(ring > 0.0, s.r_br, s.r_bp),
             tan * np.where(ring > 0.0, (s.r_br - s.r_bp) / s.r_bc, 1.0),
-            s.cos_beta * one,
-            model.packed.multiplicity * one,
+            s.cos_beta * ones,
+            model.packed.multiplicity * ones,
         ]
     )
 

@@ -24,9 +24,9 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
     Mask; order; mesh cycles per revolution of the input shaft; base radius of the sun [m].
     """
     p = model.parameters
-    one = np.ones(mask.shape)
+    ones = np.ones(mask.shape)
     turn = p.z_s * p.z_r / (p.z_s + p.z_r)
-    return np.stack([mask, options["order"] * one, turn * one, model.scales.r_bs * one])
+    return np.stack([mask, options["order"] * ones, turn * ones, model.scales.r_bs * ones])
 
 
 @law

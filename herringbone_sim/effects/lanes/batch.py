@@ -50,9 +50,9 @@ def run_batch(
     """
     machines = [LawStepper(model) for model in models]
     transient, cycles, points = length
-    m, table = lane_gear(models, [one.gear for one in machines], tangents)
+    m, table = lane_gear(models, [machine.gear for machine in machines], tangents)
     n, s = starts.shape
-    found = Found(
+    orbits = Found(
         np.full((n, points, s), np.nan),
         np.full((n, s), np.nan),
         np.zeros((n, cycles, tangents)),
@@ -61,7 +61,7 @@ def run_batch(
     )
     steps = np.array([model.parameters.steps for model in models])
     frame = machines[0].start(tangents).tangents
-    queue = Queue(table, steps, np.ascontiguousarray(starts), frame, before, *found)
+    queue = Queue(table, steps, np.ascontiguousarray(starts), frame, before, *orbits)
     with pointers_allowed():
         run_queue(m, queue, (transient, cycles))
-    return found
+    return orbits

@@ -112,7 +112,7 @@ def jump(m):
     square = take(m.r.lane, NOW) * 0.0
     for k in range(r.z.shape[0]):
         square = fma(load(r.tangent, 0, k), load(r.tangent, 0, k), square)
-    size, found = root(square), square * 0.0
+    size, change = root(square), square * 0.0
     small = APART / size
     for sign in (1.0, -1.0):
         for k in range(r.z.shape[0]):
@@ -122,9 +122,9 @@ def jump(m):
         for lane in range(LANES):
             j = max(r.place[SWITCHED, lane], 0)
             r.gap[SPARE, 0, lane] = r.gap[SPARE, j, lane]
-        found = fma(load(r.gap, SPARE, 0), sign, found)
+        change = fma(load(r.gap, SPARE, 0), sign, change)
     jumps = take(r.lane, JUMPS) != 0.0
-    share = found * size / (2.0 * APART) / take(r.lane, PACE)
+    share = change * size / (2.0 * APART) / take(r.lane, PACE)
     for k in range(r.z.shape[0]):
         old, leap = load(r.tangent, 0, k), load(r.slope, 0, k) - take(r.direction, k)
         store(r.tangent, 0, k, choose(jumps, fma(share, leap, old), old))

@@ -19,7 +19,7 @@ from herringbone_sim.effects.dormand_prince import Gear
 from herringbone_sim.effects.gear import LANE_DRIVE, LANE_EXCITE, LANE_REACT, pointers
 from herringbone_sim.effects.lanes.places import ROWS
 
-# Rows of ``LaneGear.one``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
+# Rows of ``LaneGear.scalars``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
 INV_SUN, LOAD_Q, CONTROL_Q, CONTROL_R = 0, 2, 4, 6
 INV_CARRIER, LOAD_R, CONTROL_ORDER, CONTROL_PHASE = 8, 9, 10, 11
 CONTROL, OMEGA, MULTIPLICITY, PROJECTION, SI = 12, 13, 14, 15, 16
@@ -43,11 +43,11 @@ class LaneGear(NamedTuple):
     e: Any  # ``gear.Kernel``
     vector: tuple[Any, Any, Any]  # excite, react, drive of each effect, for lanes
     written: NDArray[np.bool_]  # (effects,) whether the laws of each are written for lanes
-    flat: Array  # (all, l) constants; theta, site, gear, now, one and unit are views of it
+    flat: Array  # (all, l) constants; theta, site, gear, scalars, now and unit are views of it
     theta: tuple[Array, ...]  # (p, l) of each effect
     site: tuple[Array, ...]  # (rows, n, l)
     gear: Array  # (rows, n, l)
-    one: Array  # (rows, l) one number a gear, rows as above
+    scalars: Array  # (rows, l) one number a gear, rows as above
     now: Array  # (5, l)
     unit: Array  # (s, l) as in ``dormand_prince.Gear``
     own: Own  # constants for laws that are not written for lanes
@@ -112,23 +112,26 @@ def lane_gear(
 
     Also returns the constants of each gear. ``gears``: ``LawStepper.gear`` of each model.
     """
-    every = _own_of(models, gears)
-    mine = Own(*(_lanes_of(part) for part in every))
-    flat = np.zeros((every.flat.shape[1], LANES))
+    constants = _own_of(models, gears)
+    mine = Own(*(_lanes_of(part) for part in constants))
+    flat = np.zeros((constants.flat.shape[1], LANES))
     views, first = [], 0
     for shape in (
-        *(part.shape[1:] for part in (*every.theta, *every.site, every.gear, every.now)),
+        *(
+            part.shape[1:]
+            for part in (*constants.theta, *constants.site, constants.gear, constants.now)
+        ),
         (INV_PLANET + 2 * models[0].layout.n_classes,),
         gears[0].unit.shape,
     ):
         size = int(np.prod(shape))
         views.append(flat[first : first + size].reshape(*shape, LANES))
         first += size
-    k, one = len(every.theta), gears[0]
-    n, s, own = one.w.force.size, one.unit.size, one.unit.size - one.n_state
+    k, template = len(constants.theta), gears[0]
+    n, s, n_own = template.w.force.size, template.unit.size, template.unit.size - template.n_state
     effects = models[0].effects
     return LaneGear(
-        e=one.e,
+        e=template.e,
         vector=pointers(effects, (LANE_EXCITE, LANE_REACT, LANE_DRIVE), lanes=True),
         written=np.array([*(a.effect.lanes for a in effects), *[False] * (k - len(effects))]),
         flat=flat,
@@ -136,17 +139,17 @@ def lane_gear(
         site=tuple(views[k : 2 * k]),
         gear=views[2 * k],
         now=views[2 * k + 1],
-        one=views[2 * k + 2],
+        scalars=views[2 * k + 2],
         unit=views[2 * k + 3],
         own=mine,
-        single=_single(n, own, one.w.torque.size),
-        w=_scratch(n, one.w.torque.size),
+        single=_single(n, n_own, template.w.torque.size),
+        w=_scratch(n, template.w.torque.size),
         r=_trial(n, s, tangents),
-        n_state=one.n_state,
-        reacts=one.reacts,
+        n_state=template.n_state,
+        reacts=template.reacts,
         controlled=any(model.packed.K != 0.0 for model in models),
         singly=not all(a.effect.lanes for a in effects),
-    ), every
+    ), constants
 
 
 def _own_of(models: Sequence[Model], gears: Sequence[Gear]) -> Own:
@@ -155,16 +158,16 @@ def _own_of(models: Sequence[Model], gears: Sequence[Gear]) -> Own:
 
     theta = tuple(map(stacked, zip(*(gear.theta for gear in gears), strict=True)))
     site = tuple(map(stacked, zip(*(gear.site for gear in gears), strict=True)))
-    gear, now = stacked([one.gear for one in gears]), stacked([one.now for one in gears])
+    gear, now = stacked([g.gear for g in gears]), stacked([g.now for g in gears])
     rows = stacked([_constants(*pair) for pair in zip(models, gears, strict=True)])
     parts = [part.reshape(len(gears), -1) for part in (*theta, *site, gear, now, rows)]
-    windows = stacked([one.p.windows for one in gears])
+    windows = stacked([g.p.windows for g in gears])
     return Own(theta, site, gear, now, windows, np.concatenate(parts, axis=1))
 
 
 def _lanes_of(part: Any) -> Any:
     if isinstance(part, tuple):
-        return tuple(_lanes_of(one) for one in part)
+        return tuple(_lanes_of(array) for array in part)
     return np.zeros((LANES, *part.shape[1:]))
 
 

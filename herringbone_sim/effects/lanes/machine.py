@@ -64,7 +64,7 @@ class Queue(NamedTuple):
 @called
 def begin_piece(m, lane):
     """Begin a piece in a lane: up to the next edge known in advance or the end of a grid step."""
-    at, Omega = m.r.lane, m.one[OMEGA, lane]
+    at, Omega = m.r.lane, m.scalars[OMEGA, lane]
     phase, left = at[PIECE, lane], at[GRID_LEFT, lane]
     reach = to_edge(m.own.windows[lane], Omega, at[CYCLE, lane], phase)
     if reach > left - RESIDUE:
@@ -81,7 +81,7 @@ def begin_grid(m, lane, steps):
     """Begin a step of the phase grid in a lane; ``steps``: grid steps per mesh cycle."""
     at = m.r.lane
     at[PIECE, lane] = TWO_PI * m.r.place[INDEX, lane] / steps
-    at[GRID_LEFT, lane] = TWO_PI / (m.one[OMEGA, lane] * steps)
+    at[GRID_LEFT, lane] = TWO_PI / (m.scalars[OMEGA, lane] * steps)
     begin_piece(m, lane)
 
 
@@ -91,7 +91,7 @@ def next_piece(m, queue, lane, length):
     at, place = m.r.lane, m.r.place
     at[GRID_LEFT, lane] -= at[REACH, lane]
     if at[GRID_LEFT, lane] > RESIDUE:
-        at[PIECE, lane] += at[REACH, lane] * m.one[OMEGA, lane]
+        at[PIECE, lane] += at[REACH, lane] * m.scalars[OMEGA, lane]
         begin_piece(m, lane)
         return False
     steps = queue.steps[place[VALUE, lane]]
@@ -135,9 +135,9 @@ def end_cycle(m, queue, lane, length):
 @inlined
 def begin_cycle(m, lane, cycle):
     """Set mesh cycle and control argument of a lane for phase 0 of a cycle."""
-    at, order = m.r.lane, m.one[CONTROL_ORDER, lane]
+    at, order = m.r.lane, m.scalars[CONTROL_ORDER, lane]
     at[CYCLE, lane] = cycle
-    at[ANGLE, lane] = angle_of(order, 0.0, cycle) + m.one[CONTROL_PHASE, lane]
+    at[ANGLE, lane] = angle_of(order, 0.0, cycle) + m.scalars[CONTROL_PHASE, lane]
 
 
 @called

@@ -52,9 +52,9 @@ def inside(x, b, side, margin):
 @inlined
 def nominal(m, phase):
     """Write mesh motion and law without effects at a phase to ``plain``, ``rate`` and ``law``."""
-    w, one, gear = m.w, m.one, m.gear
+    w, scalars, gear = m.w, m.scalars, m.gear
     n = w.x.shape[0]
-    half, length, rate = n // 2, take(one, SI + LENGTH), take(one, SI + RATE)
+    half, length, rate = n // 2, take(scalars, SI + LENGTH), take(scalars, SI + RATE)
     size = 2 + half
     for j in range(n):
         ring = 2 + j - (half if j >= half else 0)
@@ -69,7 +69,7 @@ def nominal(m, phase):
         store(w.law, PLAY, j, load(gear, OWN_B, j))
         store(w.law, SHIFT, j, length * 0.0)
         store(w.law, SHIFT_RATE, j, length * 0.0)
-    omega = take(one, OMEGA) * take(one, SI + FREQUENCY_N)
+    omega = take(scalars, OMEGA) * take(scalars, SI + FREQUENCY_N)
     for i in range((gear.shape[0] - HARMONICS) // 4):
         order = i + 1.0
         sin, cos = sine_cosine(phase * order)
@@ -183,7 +183,7 @@ def forces(m, free):
             m.vector[0][i](m.theta[i], m.site[i], m.gear, m.now, own[first:last], w.law)
         elif e.acts[i, 0]:
             excite_singly(m, i, first, last)
-    zero = take(m.one, OMEGA) * 0.0
+    zero = take(m.scalars, OMEGA) * 0.0
     for j in range(w.x.shape[0]):
         shown, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
         v = take(w.rate, j) + load(w.law, SHIFT_RATE, j)
@@ -211,35 +211,39 @@ def forces(m, free):
 @inlined
 def accelerate(m, phase, dy):
     """Write velocities and accelerations of the layout's coordinates to dy, Eqs. (18), (22)."""
-    one, w = m.one, m.w
+    scalars, w = m.scalars, m.w
     n = w.x.shape[0]
     half, c = n // 2, n // 4
-    size, share = 2 + half, take(one, MULTIPLICITY)
-    newton = 1.0 / take(one, SI + FORCE)
-    unit = take(one, SI + LENGTH) / (take(one, SI + TILT) * take(one, PROJECTION)) * newton
+    size, share = 2 + half, take(scalars, MULTIPLICITY)
+    newton = 1.0 / take(scalars, SI + FORCE)
+    unit = (
+        take(scalars, SI + LENGTH)
+        / (take(scalars, SI + TILT) * take(scalars, PROJECTION))
+        * newton
+    )
     control = newton * 0.0
     if m.controlled:
-        angle = fma(take(one, CONTROL_ORDER), phase, take(m.r.lane, ANGLE))
-        control = take(one, CONTROL) * sine_cosine(angle)[1]
-    carrier, total = take(w.torque, 2) * take(one, INV_CARRIER), newton * 0.0
+        angle = fma(take(scalars, CONTROL_ORDER), phase, take(m.r.lane, ANGLE))
+        control = take(scalars, CONTROL) * sine_cosine(angle)[1]
+    carrier, total = take(w.torque, 2) * take(scalars, INV_CARRIER), newton * 0.0
     for j in range(n):
         total = total + take(w.force, j)
-    common = share * total * newton * take(one, INV_CARRIER)
+    common = share * total * newton * take(scalars, INV_CARRIER)
     for side in range(2):
-        inv, sun = take(one, INV_SUN + side), newton * 0.0
+        inv, sun = take(scalars, INV_SUN + side), newton * 0.0
         for i in range(c):
             sun = sun + take(w.force, side * c + i)
         push = take(w.torque, side) * inv - 2.0 * carrier
-        rest = take(one, LOAD_Q + side) - control * take(one, CONTROL_Q + side)
+        applied = take(scalars, LOAD_Q + side) - control * take(scalars, CONTROL_Q + side)
         mesh = share * sun * newton * inv + 2.0 * common
-        give(dy, size + side, fma(unit, push, rest) - mesh)
+        give(dy, size + side, fma(unit, push, applied) - mesh)
         for i in range(c):
             k = side * c + i
-            inv = take(one, INV_PLANET + k)
+            inv = take(scalars, INV_PLANET + k)
             push = take(w.torque, 3 + k) * inv - carrier
-            rest = take(one, LOAD_R) - control * take(one, CONTROL_R + side)
+            applied = take(scalars, LOAD_R) - control * take(scalars, CONTROL_R + side)
             mesh = common - (take(w.force, k) - take(w.force, half + k)) * newton * inv
-            give(dy, size + 2 + k, fma(unit, push, rest) - mesh)
+            give(dy, size + 2 + k, fma(unit, push, applied) - mesh)
     for k in range(size):
         give(dy, k, take(m.r.z, size + k))
 
@@ -274,7 +278,7 @@ def slope_of(m, y, dy, free):
     forces(m, free)
     accelerate(m, at, dy)
     drive(m, dy[m.n_state :])
-    per_second = take(m.one, SI + FREQUENCY_N)
+    per_second = take(m.scalars, SI + FREQUENCY_N)
     for k in range(m.n_state, y.shape[0]):
         give(dy, k, take(dy, k) / (per_second * take(m.unit, k)))
 

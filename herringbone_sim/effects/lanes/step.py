@@ -28,7 +28,7 @@ from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 @inlined
 def begin_phase(m):
     """Return the phase [rad] at the start of each lane's step."""
-    return fma(take(m.r.lane, DONE), take(m.one, OMEGA), take(m.r.lane, PIECE))
+    return fma(take(m.r.lane, DONE), take(m.scalars, OMEGA), take(m.r.lane, PIECE))
 
 
 @inlined
@@ -36,7 +36,7 @@ def hold_of(m, j):
     """Return the shift [m] of deflection j into its contact state, as ``Trial.hold``."""
     w = m.w
     x = take(w.plain, j) + load(w.law, SHIFT, j)
-    margin = take(m.one, SI + LENGTH) * (4.0 * APART)
+    margin = take(m.scalars, SI + LENGTH) * (4.0 * APART)
     return inside(x, load(w.law, PLAY, j), take(w.side, j), margin) - x
 
 
@@ -47,7 +47,7 @@ def attempt(m):
     Errors over the tolerance go into ``ERROR``, margins at the end into row END.
     """
     r = m.r
-    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
+    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.scalars, OMEGA)
     for i in range(1, 7):
         for k in range(r.z.shape[0]):
             moved = load(r.slope, 0, k) * A[i, 0]
@@ -74,20 +74,20 @@ def attempt(m):
 def margins(m, row):
     """Write the margins of the last evaluated slope into a row, as ``located.margins``."""
     r, w, n = m.r, m.w, m.w.x.shape[0]
-    length = 1.0 / take(m.one, SI + LENGTH)
-    rate, newton = 1.0 / take(m.one, SI + RATE), 1.0 / take(m.one, SI + FORCE)
-    zero, one = length * 0.0, length * 0.0 + 1.0
+    length = 1.0 / take(m.scalars, SI + LENGTH)
+    rate, newton = 1.0 / take(m.scalars, SI + RATE), 1.0 / take(m.scalars, SI + FORCE)
+    zero, unit = length * 0.0, length * 0.0 + 1.0
     for j in range(n):
         x, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
         v, side = take(w.v, j), take(w.side, j)
         up = (x > zero) | ((x == zero) & (v > zero))
-        outward = choose(up, one, zero - one)
+        outward = choose(up, unit, zero - unit)
         is_open = side == zero
         gap = choose(is_open, b - absolute(x), side * x - b)
         pace = choose(is_open, zero - outward * v, side * v)
         store(r.gap, row, j, gap * length)
         store(r.pace, row, j, pace * rate)
-        sign = take(r.sign, j) * take(w.force, j) * newton if m.reacts else one
+        sign = take(r.sign, j) * take(w.force, j) * newton if m.reacts else unit
         store(r.gap, row, n + j, sign)
 
 
@@ -95,7 +95,7 @@ def margins(m, row):
 def difference(m, y, v, dv):
     """Write the derivative of the slope at y along v to dv, as ``dormand_prince.difference``."""
     r = m.r
-    square = take(m.one, OMEGA) * 0.0
+    square = take(m.scalars, OMEGA) * 0.0
     for k in range(v.shape[0]):
         square = fma(take(v, k), take(v, k), square)
     size = root(square)
@@ -114,7 +114,7 @@ def difference(m, y, v, dv):
 def carry(m):
     """Advance the tangent in place in every lane that accepts the step it tried."""
     r, w = m.r, m.w
-    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.one, OMEGA)
+    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.scalars, OMEGA)
     taken = take(r.lane, TAKEN) == 1.0
     for i in range(6):
         for k in range(r.z.shape[0]):

@@ -21,7 +21,7 @@ _Number = (bool, int, float, np.number)
 
 
 def bag_columns(
-    path: Path, wanted: Sequence[str]
+    path: Path, column_names: Sequence[str]
 ) -> tuple[dict[str, Values], dict[str, Values], tuple[str, ...]]:
     """Read the wanted columns of a bag.
 
@@ -39,14 +39,16 @@ def bag_columns(
     with rosbags.AnyReader([_folder(path)], default_typestore=typestore) as reader:
         for connection, logged_ns, raw in reader.messages():
             topic = connection.topic
-            if topic in stamps and not any(one.startswith(f"{topic}.") for one in wanted):
+            if topic in stamps and not any(
+                column.startswith(f"{topic}.") for column in column_names
+            ):
                 continue
             message = reader.deserialize(raw, connection.msgtype)
             stamps[topic].append(_stamp(message, logged_ns))
             for field, values in _fields(message, ""):
                 names[f"{topic}.{field}"] = None
                 parts[f"{topic}.{field}"].append(values)
-    there = {name: np.concatenate(parts[name]) for name in wanted if name in parts}
+    there = {name: np.concatenate(parts[name]) for name in column_names if name in parts}
     clocks = {topic: np.array(ns, "int64").view("datetime64[ns]") for topic, ns in stamps.items()}
     of_column = {name: clocks[name.partition(".")[0]] for name in there}
     known = {n: c for n, c in of_column.items() if len(c) == len(there[n])}
@@ -75,8 +77,8 @@ def _fields(message: Any, prefix: str) -> Iterator[tuple[str, Values]]:
         if isinstance(value, _Number):
             yield f"{prefix}{name}", np.array([value])
         elif isinstance(value, np.ndarray) and value.dtype.itemsize > 1:  # no image bytes
-            for i, one in enumerate(value):
-                yield f"{prefix}{name}[{i}]", np.array([one])
+            for i, number in enumerate(value):
+                yield f"{prefix}{name}[{i}]", np.array([number])
         elif hasattr(value, "__dataclass_fields__") and name not in ("header", "layout"):
             yield from _fields(value, f"{prefix}{name}.")
 

@@ -95,18 +95,18 @@ def import_campaign(
             nothing is written.
     """
     with _new_folder(out) as part:
-        told = []
+        imported = []
         for run in spec.runs:
             say(run.name)
             try:
-                told.append(_import_run(spec, run, part))
+                imported.append(_import_run(spec, run, part))
             except HerringboneError as error:
                 raise RecordingError(f"{run.name}: {error}") from None
         entries = [{"path": r.name, **r.point, "role": r.role} for r in spec.runs]
         write_campaign(part, spec.rig, entries, spec.noise, spec.sensors)
         _check_written(part)
         save_parameters(part / NOMINAL, spec.nominal, f"The nominal gear of {spec.rig}.")
-    return tuple(told)
+    return tuple(imported)
 
 
 def _check_written(folder: Path) -> None:
@@ -150,9 +150,9 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
     dates = [date for file, columns in read if (date := first_date(file, columns)) is not None]
     zero = min(dates) if dates else None
     parts = [
-        _unwrapped_angles(one)
+        _unwrapped_angles(group)
         for file, columns in read
-        for one in clock_groups(file, columns, zero)
+        for group in clock_groups(file, columns, zero)
     ]
     on_one = merged(parts)
     model = build(spec.nominal.changed(run.point))
@@ -163,7 +163,7 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
             "first"
         )
     _write(folder, run.name, spec.rig, {"t": on_one.times, **values})
-    rates = {name: one.rate_hz for one in parts for name in one.values}
+    rates = {name: group.rate_hz for group in parts for name in group.values}
     times = on_one.times
     return ImportedRun(
         run.name,
@@ -179,16 +179,16 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
 
 def _columns(file: FileSpec) -> Columns:
     """Read the columns of a file that its channels and its clock need."""
-    wanted = [one.column for one in file.channels]
-    wanted += [file.time.column] if file.time.column else []
-    return read_columns(file.path, file.kind, list(dict.fromkeys(wanted)), file.options)
+    column_names = [channel.column for channel in file.channels]
+    column_names += [file.time.column] if file.time.column else []
+    return read_columns(file.path, file.kind, list(dict.fromkeys(column_names)), file.options)
 
 
 def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
     """Return the group with unwrapped phases and angles, which can be interpolated."""
     values = {
-        name: unwrapped(one) if name == "phase" or name.startswith("angle_") else one
-        for name, one in stream.values.items()
+        name: unwrapped(column) if name == "phase" or name.startswith("angle_") else column
+        for name, column in stream.values.items()
     }
     return ClockGroup(stream.label, stream.times, values, stream.resample)
 
@@ -197,12 +197,12 @@ def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:
     """Return (file and column, reason) of each column that the spec does not use."""
     named: dict[Path, set[str]] = {}
     for file, _ in read:
-        used = {one.column for one in file.channels} | {file.time.column or ""}
+        used = {channel.column for channel in file.channels} | {file.time.column or ""}
         named.setdefault(file.path, set()).update(used)
-    every = {file.path: columns.names for file, columns in read}
+    names_by_path = {file.path: columns.names for file, columns in read}
     return [
         (f"{path.name}: {name}", "the spec does not name it")
-        for path, names in every.items()
+        for path, names in names_by_path.items()
         for name in names
         if name not in named[path]
     ]
@@ -213,25 +213,27 @@ def _imported(
 ) -> tuple[ImportedChannel, ...]:
     """Return a summary of each channel of a run."""
     sources: dict[str, tuple[FileSpec, ChannelSpec]] = {
-        recorded_name(one.name): (file, one) for file in run.files for one in file.channels
+        recorded_name(source.name): (file, source)
+        for file in run.files
+        for source in file.channels
     }
     if spec.shaft:
         sources["phase"] = sources[recorded_name(spec.shaft)]
-    found = []
-    for channel, one in values.items():
+    channels = []
+    for channel, samples in values.items():
         file, source = sources[channel]
-        known = one[np.isfinite(one)]
+        known = samples[np.isfinite(samples)]
         low, high = (float(f(known)) if len(known) else float("nan") for f in (np.min, np.max))
         origin = f"{file.path.name}: {source.column} [{source.unit}]"
         rate = rates[source.name]
-        found.append(ImportedChannel(channel, si_unit(channel), origin, rate, low, high))
-    return tuple(found)
+        channels.append(ImportedChannel(channel, si_unit(channel), origin, rate, low, high))
+    return tuple(channels)
 
 
 def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> None:
     """Write columns (n,) of a run as the bag ``name`` in a folder."""
     names, data = tuple(columns), np.column_stack(list(columns.values()))
-    content = {"channels": [_described(one) for one in names], "source": rig}
+    content = {"channels": [_described(channel) for channel in names], "source": rig}
     writer = RunWriter.create(folder, name, "/rig", content, names, 0)
     for rows in split_rows(len(data), len(names)):
         writer.write_samples(data[rows])

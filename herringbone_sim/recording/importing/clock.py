@@ -78,17 +78,17 @@ def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -
                 f"got {len(raw)} and {len(times)}: give it an entry of files of its own"
             )
         group[1][channel.name] = channel.gain * raw + channel.offset
-    made = [ClockGroup(file.path.name, *group, file.resample) for group in groups.values()]
-    for one in made:
-        _check(file, one.times)
-    return made
+    streams = [ClockGroup(file.path.name, *group, file.resample) for group in groups.values()]
+    for stream in streams:
+        _check(file, stream.times)
+    return streams
 
 
 def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
     """Return the earliest date in the clocks of a file; None if they are not dates."""
-    found = [columns.values[file.time.column]] if file.time.column else []
-    found += columns.stamps.values() if file.time.own else []
-    dates = [one[0] for one in found if one.dtype.kind == "M" and len(one)]
+    clocks = [columns.values[file.time.column]] if file.time.column else []
+    clocks += columns.stamps.values() if file.time.own else []
+    dates = [clock[0] for clock in clocks if clock.dtype.kind == "M" and len(clock)]
     return min(dates) if dates else None
 
 
@@ -123,7 +123,7 @@ def _check(file: FileSpec, times: Array) -> None:
     wrong = ~(np.isfinite(times[:-1]) & np.isfinite(times[1:]) & (steps > 0.0))
     if len(times) < 2 or wrong.any():
         at = int(np.argmax(wrong)) if wrong.size else 0
-        pair = [f"{one:.12g} s" for one in times[at : at + 2]]
+        pair = [f"{time:.12g} s" for time in times[at : at + 2]]
         got = f"{listed(pair)} at row {at + 1}"
         raise RecordingError(
             f"time in {file.path} must increase strictly over two samples or more, got {got}: "
@@ -140,34 +140,34 @@ def merged(parts: Sequence[ClockGroup]) -> Merged:
     Raises:
         RecordingError: the files do not overlap in time.
     """
-    main, left, notes = parts[0], dict[str, str](), list[str]()
-    taken: list[ClockGroup] = []
-    for one in parts[1:]:
-        fits = one.resample or _same_samples(main.times, one.times)
+    main, left_out, notes = parts[0], dict[str, str](), list[str]()
+    joined: list[ClockGroup] = []
+    for group in parts[1:]:
+        fits = group.resample or _same_samples(main.times, group.times)
         if fits:
-            taken.append(one)
+            joined.append(group)
             continue
         reason = (
-            f"{one.label} has a clock of its own ({one.rate_hz:.6g} Hz), {main.label} "
+            f"{group.label} has a clock of its own ({group.rate_hz:.6g} Hz), {main.label} "
             f"{main.rate_hz:.6g} Hz: set resample: true to bring it there by straight lines"
         )
-        left |= dict.fromkeys(one.values, reason)
-    rows = _overlap(main, taken)
+        left_out |= dict.fromkeys(group.values, reason)
+    rows = _overlap(main, joined)
     times = main.times[rows]
     if rows.stop - rows.start < len(main.times):
         cut = len(main.times) - (rows.stop - rows.start)
         notes.append(f"{cut} samples of {main.label} lie outside of the other files: cut off")
-    values = {name: one[rows] for name, one in main.values.items()}
-    for one in taken:
-        same = _same_samples(main.times, one.times)
-        values |= {n: _at(times, one.times, v, same) for n, v in one.values.items()}
+    values = {name: column[rows] for name, column in main.values.items()}
+    for group in joined:
+        same = _same_samples(main.times, group.times)
+        values |= {n: _at(times, group.times, v, same) for n, v in group.values.items()}
         if not same:
-            folds = ", and what is faster folds back" if one.rate_hz > main.rate_hz else ""
+            folds = ", and what is faster folds back" if group.rate_hz > main.rate_hz else ""
             notes.append(
-                f"{one.label}: {one.rate_hz:.6g} Hz brought to {main.rate_hz:.6g} Hz by straight "
-                f"lines{folds}"
+                f"{group.label}: {group.rate_hz:.6g} Hz brought to {main.rate_hz:.6g} Hz by "
+                f"straight lines{folds}"
             )
-    return Merged(times - times[0], values, left, tuple(notes))
+    return Merged(times - times[0], values, left_out, tuple(notes))
 
 
 def _nearest(times: Array, others: Array) -> NDArray[np.intp]:
@@ -190,13 +190,13 @@ def _same_samples(times: Array, others: Array) -> bool:
 def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
     """Return the rows of ``main`` within the times of all others; RecordingError if too few."""
     reach = SAME * float(np.median(np.diff(main.times)))
-    low = max((one.times[0] for one in others), default=-np.inf) - reach
-    high = min((one.times[-1] for one in others), default=np.inf) + reach
+    low = max((group.times[0] for group in others), default=-np.inf) - reach
+    high = min((group.times[-1] for group in others), default=np.inf) + reach
     rows = np.flatnonzero((main.times >= low) & (main.times <= high))
     if len(rows) < 2:
         spans = "; ".join(
-            f"{one.label} from {one.times[0]:.6g} s to {one.times[-1]:.6g} s"
-            for one in (main, *others)
+            f"{group.label} from {group.times[0]:.6g} s to {group.times[-1]:.6g} s"
+            for group in (main, *others)
         )
         raise RecordingError(
             f"the files of a run must overlap in time, got {spans}: mend start or trigger_offset"
@@ -204,7 +204,9 @@ def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
     return slice(int(rows[0]), int(rows[-1]) + 1)
 
 
-def _at(times: Array, own: Array, values: Array, same: bool) -> Array:
+def _at(times: Array, sample_times: Array, values: Array, same: bool) -> Array:
     """Return values at other times: of the nearest samples if ``same``, else interpolated."""
-    found: Array = values[_nearest(times, own)] if same else np.interp(times, own, values)
-    return found
+    values_there: Array = (
+        values[_nearest(times, sample_times)] if same else np.interp(times, sample_times, values)
+    )
+    return values_there

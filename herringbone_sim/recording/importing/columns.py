@@ -36,14 +36,14 @@ class Columns:
 
 
 def read_columns(
-    path: Path, kind: str, wanted: Sequence[str], options: Mapping[str, Any]
+    path: Path, kind: str, column_names: Sequence[str], options: Mapping[str, Any]
 ) -> Columns:
     """Read the wanted columns of a file.
 
     Args:
         path: the file, or folder of a bag.
         kind, options: as in ``FileSpec``.
-        wanted: names of columns.
+        column_names: names of the wanted columns.
 
     Raises:
         RecordingError: the file is not of its kind or can't be read, a package is missing, or a
@@ -51,11 +51,11 @@ def read_columns(
     """
     try:
         if kind == "rosbag2":
-            there, stamps, names = bag_columns(path, wanted)
+            there, stamps, names = bag_columns(path, column_names)
         else:
             readers, stamps = _READERS[kind](path, options)
             names = tuple(readers)
-            there = {name: readers[name]() for name in wanted if name in readers}
+            there = {name: readers[name]() for name in column_names if name in readers}
     except RecordingError:
         raise
     except Exception as error:  # each package has errors of its own for files that are broken
@@ -63,12 +63,12 @@ def read_columns(
             f"{path} can't be read as {kind} ({type(error).__name__}: {shown(str(error))}): give "
             "the kind that it is, or mend the file"
         ) from error
-    lacking = [name for name in wanted if name not in there]
+    lacking = [name for name in column_names if name not in there]
     if lacking:
         raise RecordingError(
             f"{path} has no column {shown(lacking[0])}, it has {listed(names)}: mend the spec"
         )
-    values = {name: _numbers(path, name, one) for name, one in there.items()}
+    values = {name: _numbers(path, name, column) for name, column in there.items()}
     return Columns(values, {name: stamps[name] for name in there if name in stamps}, names)
 
 
@@ -142,17 +142,19 @@ def _hdf5(path: Path, _: Mapping[str, Any]) -> _Found:
 def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
     """Return readers of all datasets of an HDF5 file, named in MATLAB style if ``matlab``."""
     h5py = package("h5py", "h5py", "HDF5 and MAT v7.3 files")
-    found: dict[str, Read] = {}
+    readers: dict[str, Read] = {}
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             shape = item.shape[::-1] if matlab else item.shape  # MATLAB stores columns as rows
             shown_name = name.replace("/", ".") if matlab else name
-            found.update(_parted(shown_name, shape, partial(_dataset, path, name, matlab), matlab))
+            readers.update(
+                _parted(shown_name, shape, partial(_dataset, path, name, matlab), matlab)
+            )
 
     with h5py.File(path) as file:
         file.visititems(take)
-    return found
+    return readers
 
 
 def _dataset(path: Path, name: str, turned: bool) -> Values:

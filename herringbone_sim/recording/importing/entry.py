@@ -70,7 +70,10 @@ class Entry:
         """Return the value of a key, one of ``choices``."""
         rule = f"one of {listed(choices)}"
         value = self.need(key, rule) if default is None else self.take(key, default)
-        if not any(value is one or (value == one and type(value) is type(one)) for one in choices):
+        if not any(
+            value is allowed or (value == allowed and type(value) is type(allowed))
+            for allowed in choices
+        ):
             raise self.wrong(key, rule, value)
         return value
 

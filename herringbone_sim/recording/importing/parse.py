@@ -63,9 +63,10 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     shaft, offset = _phase(top.take("phase"))
     names = channel_names(nominal.layout)
     runs = tuple(
-        _run(folder, top, one, f"runs[{i}]", names) for i, one in enumerate(top.entries("runs"))
+        _run(folder, top, content_of_run, f"runs[{i}]", names)
+        for i, content_of_run in enumerate(top.entries("runs"))
     )
-    twice = {run.name for run in runs if sum(run.name == one.name for one in runs) > 1}
+    twice = {run.name for run in runs if sum(run.name == other.name for other in runs) > 1}
     if twice:
         raise top.wrong("runs", "runs with names of their own", sorted(twice)[0])
     for run in runs:
@@ -112,12 +113,12 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
         raise entry.wrong("name", "the name of one folder", name) from None
     files = entry if "files" in entry else top
     place = f"{where}.files" if "files" in entry else "files"
-    point = {one: entry.quantity(one, UNITS_OF_POINT[one]) for one in POINT}
-    found = tuple(
-        _file(folder, Entry(one, f"{place}[{i}]", FILE), name, names)
-        for i, one in enumerate(files.entries("files"))
+    point = {key: entry.quantity(key, UNITS_OF_POINT[key]) for key in POINT}
+    file_specs = tuple(
+        _file(folder, Entry(content, f"{place}[{i}]", FILE), name, names)
+        for i, content in enumerate(files.entries("files"))
     )
-    return RunSpec(name, entry.choice("role", ROLES), point, found)
+    return RunSpec(name, entry.choice("role", ROLES), point, file_specs)
 
 
 def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
@@ -131,14 +132,14 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     if not isinstance(channels, dict) or not channels:
         raise entry.wrong("channels", "a mapping of channels to columns", channels)
     place = f"{entry.where}.channels"
-    taken = tuple(
-        _channel(name, one, place, names)
+    channel_specs = tuple(
+        _channel(name, column, place, names)
         for many, value in channels.items()
-        for name, one in _expanded(str(many), value, names)
+        for name, column in _expanded(str(many), value, names)
     )
     resample = entry.choice("resample", (False, True), False)
     time = _time(entry.take("time"), f"{entry.where}.time", kind)
-    return FileSpec(path, kind, time, taken, resample, _options(entry, kind))
+    return FileSpec(path, kind, time, channel_specs, resample, _options(entry, kind))
 
 
 def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
@@ -146,15 +147,15 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
     given = Entry(entry.take("options", {}), f"{entry.where}.options", tuple(OPTIONS))
     if kind != "csv" and "options" in entry:
         raise entry.wrong("options", "left out, as only csv has options", kind)
-    found = {name: given.take(name, default) for name, default in OPTIONS.items()}
+    options = {name: given.take(name, default) for name, default in OPTIONS.items()}
     for name, default in OPTIONS.items():
-        one = found[name]
-        if isinstance(default, int) and not (type(one) is int and one >= 0):
-            raise given.wrong(name, "a count of lines", one)
-        if name in ("delimiter", "decimal") and not (isinstance(one, str) and len(one) == 1):
-            raise given.wrong(name, "one character", one)
+        value = options[name]
+        if isinstance(default, int) and not (type(value) is int and value >= 0):
+            raise given.wrong(name, "a count of lines", value)
+        if name in ("delimiter", "decimal") and not (isinstance(value, str) and len(value) == 1):
+            raise given.wrong(name, "one character", value)
     given.text("encoding", "utf8")
-    return found
+    return options
 
 
 def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
@@ -168,13 +169,13 @@ def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, An
     if not star or not isinstance(column, str):
         return [(name, value)]
     long = len(head) + len(tail)
-    some = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
-    fit = [n for n in some if n.startswith(head) and n.endswith(tail) and len(n) > long]
+    candidates = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
+    fit = [n for n in candidates if n.startswith(head) and n.endswith(tail) and len(n) > long]
     stood = [n[len(head) : len(n) - len(tail)] for n in fit]
-    found = [
+    expanded = [
         (n, value | {"column": column.replace("*", s)}) for n, s in zip(fit, stood, strict=True)
     ]
-    return found or [(name, value)]
+    return expanded or [(name, value)]
 
 
 def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> ChannelSpec:

@@ -27,19 +27,22 @@ def remarks(model: Model, times: Array, values: Mapping[str, Array]) -> list[str
         times: (n,) [s].
         values: channel -> (n,), SI.
     """
-    found = _speed(model, times, values["phase"])
+    sentences = _speed(model, times, values["phase"])
     far: dict[str, list[str]] = {}
-    for name, one in values.items():
-        known = one[np.isfinite(one)]
-        if len(known) < len(one):
-            found.append(f"{name} has no number in {1 - len(known) / len(one):.1%} of the samples")
+    for name, samples in values.items():
+        known = samples[np.isfinite(samples)]
+        if len(known) < len(samples):
+            sentences.append(
+                f"{name} has no number in {1 - len(known) / len(samples):.1%} of the samples"
+            )
         expected, size = _sizes(model, name, known)
         if len(known) and expected > 0.0 and not expected / FAR < size < expected * FAR:
-            told = f"about {expected:.3g} {si_unit(name)}, got {size:.3g}"
-            far.setdefault(told, []).append(name)
-    return found + [
-        f"{', '.join(names)} should be {told}: another unit, scale or sensor than the spec says?"
-        for told, names in far.items()
+            size_text = f"about {expected:.3g} {si_unit(name)}, got {size:.3g}"
+            far.setdefault(size_text, []).append(name)
+    return sentences + [
+        f"{', '.join(names)} should be {size_text}: another unit, scale or sensor than the "
+        "spec says?"
+        for size_text, names in far.items()
     ]
 
 

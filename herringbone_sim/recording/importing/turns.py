@@ -39,15 +39,15 @@ def with_turns(
         Channel -> (n,), SI.
     """
     p = model.parameters
-    made = {name: one for name, one in values.items() if not name.startswith("angle_")}
-    for name in sorted(values.keys() - made.keys()):
+    converted = {name: column for name, column in values.items() if not name.startswith("angle_")}
+    for name in sorted(values.keys() - converted.keys()):
         body = name.removeprefix("angle_")
         line = steady(times, values[name])
-        made[f"u_{body}"] = (values[name] - line) * base_radius(model, body)
+        converted[f"u_{body}"] = (values[name] - line) * base_radius(model, body)
         if name == shaft:
             cycles = p.z_r if body == "c" else p.z_s * p.z_r / (p.z_s + p.z_r)
-            made["phase"] = np.sign(line[-1] - line[0]) * cycles * line + phase_offset
-    return made
+            converted["phase"] = np.sign(line[-1] - line[0]) * cycles * line + phase_offset
+    return converted
 
 
 def steady(times: Array, angle: Array) -> Array:
