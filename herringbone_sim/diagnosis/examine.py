@@ -21,17 +21,19 @@ from herringbone_sim.diagnosis.fits import (
     FittedExplanation,
     fit_again,
     fit_best,
-    fit_pairs,
-    fit_rivals_of_first,
     rank,
-    refit_first_alone,
-    refit_second_alone,
     simplest_equivalent,
     with_unscreened,
-    without_duplicates,
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
+from herringbone_sim.diagnosis.pairs import (
+    fit_pairs,
+    fit_rivals_of_first,
+    refit_first_alone,
+    refit_second_alone,
+    without_duplicates,
+)
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
     MIN_GAIN_PER_VALUE,

@@ -13,14 +13,16 @@ from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
     fit_best,
-    fit_pairs,
-    fit_rivals_of_first,
     rank,
-    refit_second_alone,
     with_unscreened,
-    without_duplicates,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.pairs import (
+    fit_pairs,
+    fit_rivals_of_first,
+    refit_second_alone,
+    without_duplicates,
+)
 
 
 def one(

@@ -1,0 +1,149 @@
+"""Fit pairs of effects: the best on the residual of a first one, and rivals of either."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.diagnosis.fits import FittedExplanation, fit_best, fit_effect, rank
+from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
+
+# Limits of the search, chosen for run time:
+MAX_FITTED_PAIRS = 3  # second effects fitted exactly
+MAX_PAIRS_OF_SINGLES = 2  # second effects fitted from their values in the fit of them alone
+
+
+def fit_pairs(
+    search: Search,
+    catalogue: Sequence[Hypothesis],
+    first: FittedExplanation,
+    least: float,
+    singles: Sequence[FittedExplanation],
+) -> tuple[FittedExplanation, ...]:
+    """Fit pairs: a single effect with each of the effects that best explain its residual.
+
+    Where all of these leave more than noise, the first effect may have absorbed the response of
+    the second: then it is paired also with effects of ``singles``, from their values there.
+
+    Args:
+        first: fit of the first effect alone.
+        least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
+        singles: effects fitted alone, best first.
+
+    Returns:
+        Fitted pairs, best first.
+    """
+    first_hypothesis = first.hypotheses[0]
+    others = [
+        h
+        for h in catalogue
+        if (h.effect, h.locus) != (first_hypothesis.effect, first_hypothesis.locus)
+    ]
+    search_with_first, ranked = rank(search, others, first.score)
+    loss_limit = first.loss - least if least else np.inf
+    different = [r for r in ranked if r[1].effect != first_hypothesis.effect and r[0] < loss_limit]
+    fits = fit_best(search_with_first, different, MAX_FITTED_PAIRS, 1)
+    enough = (1.0 + MIN_GAIN_PER_VALUE) * first.score.count
+    if fits and all(f.score.in_sample > enough for f in fits):
+        fits = (*fits, *_beside_singles(search_with_first, first_hypothesis, singles, fits))
+    pairs = (
+        FittedExplanation((first_hypothesis, *f.hypotheses), f.score, search_with_first)
+        for f in fits
+    )
+    return tuple(sorted(pairs, key=lambda f: f.loss))
+
+
+def _beside_singles(
+    search: Search,
+    base_hypothesis: Hypothesis,
+    singles: Sequence[FittedExplanation],
+    tried: Sequence[FittedExplanation],
+) -> list[FittedExplanation]:
+    """Fit at most ``MAX_PAIRS_OF_SINGLES`` untried singles beside the hypothesis of the base."""
+    seen = {_key(f.hypotheses[0]) for f in tried}
+    effects = {base_hypothesis.effect}
+    fits: list[FittedExplanation] = []
+    for f in singles:
+        hypothesis = f.hypotheses[0]
+        if (
+            hypothesis.effect in effects
+            or hypothesis.source is not None
+            or _key(hypothesis) in seen
+        ):
+            continue
+        effects.add(hypothesis.effect)
+        alone = f.score.mean[-len(hypothesis.coefficients) :]
+        fits.append(fit_effect(search, hypothesis, np.concatenate([search.null.mean, alone])))
+        if len(fits) == MAX_PAIRS_OF_SINGLES:
+            break
+    return fits
+
+
+def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:
+    """Keep, of fits with the same hypotheses, that with the least loss; return fits best first."""
+    unique: dict[frozenset[Any], FittedExplanation] = {}
+    for f in sorted(fits, key=lambda f: f.loss):
+        unique.setdefault(frozenset(map(_key, f.hypotheses)), f)
+    return tuple(unique.values())
+
+
+def _key(hypothesis: Hypothesis) -> tuple[str, Any, Any]:
+    """Effect, options and locus, which identify a hypothesis."""
+    return hypothesis.effect, hypothesis.options, hypothesis.locus
+
+
+def refit_first_alone(
+    search: Search, first: FittedExplanation, pair: FittedExplanation
+) -> FittedExplanation:
+    """Fit the first effect of a pair alone again, from its values in the pair.
+
+    Its earlier fit alone may have ended in a wrong minimum, which made the pair look better.
+    """
+    every = first.score.coefficients
+    score = search.refined(every[len(search.base) :], pair.score.mean[: len(every)])
+    return FittedExplanation(first.hypotheses, search.settled(score))
+
+
+def refit_second_alone(
+    search: Search, singles: Sequence[FittedExplanation], pairs: Sequence[FittedExplanation]
+) -> FittedExplanation | None:
+    """Fit the second effect of the best pair alone: the screen for single effects may miss it.
+
+    Pairs whose second effect was proposed from the residual of the first, on which its functions
+    depend, are passed over; None if there is no other. A fit among ``singles`` is returned as is.
+    """
+    pair = next((f for f in pairs if f.hypotheses[1].source is None), None)
+    if pair is None:
+        return None
+    second = pair.hypotheses[1]
+    for f in singles:
+        if _key(f.hypotheses[0]) == _key(second):
+            return f
+    start = np.concatenate([search.null.mean, pair.score.mean[-len(second.coefficients) :]])
+    return FittedExplanation((second,), search.settled(search.refined(second.coefficients, start)))
+
+
+def fit_rivals_of_first(
+    search: Search,
+    second: FittedExplanation,
+    singles: Sequence[FittedExplanation],
+    pairs: Sequence[FittedExplanation],
+) -> tuple[FittedExplanation, ...]:
+    """Fit pairs of the second effect of a pair with single effects it was not yet paired with.
+
+    The first effect of the pair was the best one only as long as the second was not in the model.
+    """
+    second_hypothesis = second.hypotheses[0]
+    tried = {
+        h.effect for f in pairs for h in f.hypotheses if second_hypothesis.effect in f.effects
+    }
+    others = [f for f in singles if f.hypotheses[0].effect not in tried]
+    search_with_second = search.onwards(search.machine, second.score)
+    fits = _beside_singles(search_with_second, second_hypothesis, others, ())
+    return tuple(
+        FittedExplanation((second_hypothesis, *f.hypotheses), f.score, search_with_second)
+        for f in fits
+    )
