@@ -13,8 +13,8 @@ from typing import Any
 
 from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.practice.outcome import size_errors
 from herringbone_sim.practice.stored import stored_evidence
+from herringbone_sim.practice.true_effects import size_errors
 
 
 @dataclass(frozen=True)

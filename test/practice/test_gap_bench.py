@@ -26,7 +26,7 @@ from herringbone_sim.practice.baselines import rivals
 from herringbone_sim.practice.bench import name_of, read_seals, run_bench
 from herringbone_sim.practice.campaign import run_plan
 from herringbone_sim.practice.label import label_text, seal
-from herringbone_sim.practice.outcome import RELATIVE_ERROR, outcome, size_errors
+from herringbone_sim.practice.outcome import RELATIVE_ERROR, outcome
 from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench, stored_evidence
 from herringbone_sim.practice.table import (
@@ -38,6 +38,7 @@ from herringbone_sim.practice.table import (
     write_cases,
 )
 from herringbone_sim.practice.trial import Setting, plan_of, remade
+from herringbone_sim.practice.true_effects import size_errors
 from herringbone_sim.sweeps import cluster
 
 SETTING = Setting(truth="none")
@@ -323,6 +324,10 @@ def test_evidence_comes_back_from_plain_data(tmp_path):
     [(label, report, back, relative_error)] = stored_evidence(tmp_path)
     assert (label["truth"], report["verdict"]) == (["stagger"], "none")
     assert (back, relative_error) == (GAP, 0.03)
+    place = tmp_path / "reports" / name_of(1) / "evidence.json"
+    place.write_text(text.replace('"chi2"', '"energy"'))
+    with pytest.raises(AnalysisError, match=r"must be the evidence of a campaign, got .*energy"):
+        list(stored_evidence(tmp_path))
 
 
 def test_the_model_error_of_an_interval_is_taken_out_of_what_is_fitted():

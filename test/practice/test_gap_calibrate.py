@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,18 @@ def test_a_line_that_is_no_evidence_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.jsonl").write_text('{"seed": 1}\n', encoding="utf-8")
     with pytest.raises(AnalysisError, match="line 1"):
         read_evidence(tmp_path / "bad.jsonl")
+
+
+def test_campaigns_that_do_not_count_are_too_few_for_figures(
+    campaigns: list[CaseEvidence], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten by squares, whose channels are judged by density in the one that is left to count."""
+    squares = [c for c in campaigns if not c.evidence.by_density][:10]
+    (few, *_) = (c for c in campaigns if c.evidence.by_density)
+    alike = [replace(c, stratum=few.stratum) for c in squares]
+    assert counted([*alike, few]).sum() == 1
+    with pytest.raises(AnalysisError, match="needs 5 campaigns in its figures, got 1: run more"):
+        calibrate([*alike, few])
 
 
 def test_kinds_of_which_there_are_few_campaigns_take_the_weights_of_the_others(

@@ -1,0 +1,164 @@
+"""Compare place and size of effects in a report with those in the label of its campaign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from herringbone_sim.diagnosis.judge import HALF_90
+from herringbone_sim.practice.rig_model import MESHES
+
+Json = Mapping[str, Any]
+OUTSIDE_CATALOGUE = ("none", "unknown")
+
+# Parameters that measure the size of an effect, and their value without the effect.
+SIZES: dict[str, tuple[tuple[str, ...], float]] = {
+    "mean_stiffness": (("factor",), 1.0),
+    "stiffness_harmonic": (("cos", "sin"), 0.0),
+    "stagger": (("phase",), 0.0),
+    "planet_phase": (("phase",), 0.0),
+    "tooth_crack": (("depth",), 0.0),
+    "tooth_spall": (("height",), 0.0),
+    "runout": (("amplitude",), 0.0),
+    "pin_position": (("offset",), 0.0),
+    "backlash_offset": (("offset",), 0.0),
+    "thermal_backlash": (("rate",), 0.0),
+    "thermal_stiffness": (("rate",), 0.0),
+    "tooth_friction": (("mu",), 0.0),
+    "contact_nonlinearity": (("exponent",), 1.0),
+    "damping_law": (("share",), 0.0),
+    "profile_error": (("cos", "sin"), 0.0),
+    "ring_flexibility": (("stiffness",), 0.0),
+    "bearing_clearance": (("clearance",), 0.0),
+    "torque_ripple": (("amplitude",), 0.0),
+    "sensor_gain": (("gain",), 1.0),
+    "sensor_bias": (("bias",), 0.0),
+    "sensor_delay": (("delay",), 0.0),
+    "clock_drift": (("ppm",), 0.0),
+}
+
+
+def right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
+    """Return label entry and reported cause of the most probable true effect, None without one."""
+    for cause in sorted(report["causes"], key=lambda c: -float(c["probability"])):
+        if cause["effect"] in truth and cause["effect"] not in OUTSIDE_CATALOGUE:
+            entries = [e for e in label["effects"] if e["effect"] == cause["effect"]]
+            return entries[0], cause
+    return None
+
+
+def same_place(entry: Json, cause: Json) -> bool:
+    """Return whether the channels agree (sensors), or mesh, planet, side and reported member."""
+    reported, true = cause.get("locus") or {}, entry["locus"]
+    if "channels" in true:
+        said = (
+            reported.get("channels") or _value(cause, "channels") or _value(cause, "channel") or ()
+        )
+        named = [said] if isinstance(said, str) else said
+        return {name for channel in named for name in _expanded(channel, reported)} == set(
+            true["channels"]
+        )
+    places = ("mesh", "planet", "side")
+    same = all(str(reported.get(name, "all")) == str(true.get(name, "all")) for name in places)
+    member = _value(entry, "member")
+    return same and (member is None or _value(cause, "member") in (member, None))
+
+
+def _expanded(name: str, place: Json) -> list[str]:
+    """Return the channel, or for a quantity (x, v, F) all of its channels at a place."""
+    if name not in ("x", "v", "F"):
+        return [name]
+    mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
+    return [
+        f"{name}_{m}"
+        for m in MESHES
+        if mesh in ("all", m[:2]) and planet in ("all", m[2]) and side in ("all", m[4])
+    ]
+
+
+def _value(cause: Json, name: str) -> Any:
+    """Return the value of a parameter, None if it is missing."""
+    entry = (cause.get("parameters") or {}).get(name)
+    return entry.get("value") if isinstance(entry, Mapping) else entry
+
+
+def size_error(entry: Json, cause: Json) -> float | None:
+    """Return the distance of reported from true ``SIZES`` of an effect, over its true size.
+
+    The true size is the distance from the values without the effect: for a gain of 1.02, 0.02.
+
+    Args:
+        entry: the effect in the label.
+        cause: the same effect in the report.
+
+    Returns:
+        None if a value is missing or the true size is 0.
+    """
+    names, neutral = SIZES.get(entry["effect"], ((), 0.0))
+    true, reported = ([_value(record, name) for name in names] for record in (entry, cause))
+    if not names or any(not is_number(value) for value in (*true, *reported)):
+        return None
+    distance = float(np.hypot.reduce(np.subtract(reported, true)))
+    size = float(np.hypot.reduce(np.subtract(true, neutral)))
+    return distance / size if size > 0.0 else None
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of a report is a finite number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
+    """Return for each ``SIZES`` parameter with an interval whether it contains the true value."""
+    held = []
+    for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
+        entry = (cause.get("parameters") or {}).get(name) or {}
+        interval, true = entry.get("ci90"), _value(true_effect, name)
+        if interval is not None and is_number(true):
+            held.append(bool(interval[0] <= true <= interval[1]))
+    return tuple(held)
+
+
+def size_errors(
+    label: Json, report: Json, relative_error: float
+) -> list[tuple[float, float, float]]:
+    """Return the errors of reported sizes of true effects, to fit the model error of intervals.
+
+    Of each true effect the most probable reported cause counts if its locus is right, whether or
+    not the verdict names it.
+
+    Args:
+        relative_error: model error, relative to the size, that the reported intervals include; it
+            is removed from them.
+
+    Returns:
+        For each parameter in ``SIZES`` that has a ``ci90``: estimate minus true value, standard
+        deviation from the interval, and true size of the effect: the distance of all of its
+        ``SIZES`` from their values without the effect. All in the unit of the parameter.
+    """
+    errors = []
+    for labelled in label["effects"]:
+        same = [c for c in report["causes"] if c["effect"] == labelled["effect"]]
+        if not same or labelled["effect"] not in SIZES:
+            continue
+        cause = max(same, key=lambda c: float(c["probability"]))
+        names, neutral = SIZES[labelled["effect"]]
+        true = [_value(labelled, name) for name in names]
+        if not same_place(labelled, cause) or not all(is_number(v) for v in true):
+            continue
+        size = float(np.hypot.reduce(np.subtract(true, neutral)))
+        reported = [_value(cause, name) for name in names]
+        if not all(map(is_number, reported)):
+            continue
+        included = relative_error * float(np.hypot.reduce(np.subtract(reported, neutral)))
+        for name, value, estimate in zip(names, true, reported, strict=True):
+            entry = (cause.get("parameters") or {}).get(name) or {}
+            interval = entry.get("ci90")
+            if interval is not None and all(map(is_number, interval)):
+                reported_sd = 0.5 * (interval[1] - interval[0]) / HALF_90
+                variance = reported_sd**2 - included**2
+                errors.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
+    return errors
