@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.arrays import Array
-from herringbone_sim.control.runs import MotionRunner, RunSettings, repeats
+from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.basins import random_starts, wilson
@@ -98,7 +98,7 @@ def start_shares(
     runner: MotionRunner,
     base: Parameters,
     places: Sequence[Mapping[str, float]],
-    wanted: Sequence[int],
+    periods: Sequence[int],
     starts: int,
     settings: RunSettings,
 ) -> list[StartShares]:
@@ -106,7 +106,7 @@ def start_shares(
 
     Args:
         places: sets of changes of the base's parameters.
-        wanted: periods of the motions, in periods of the effects.
+        periods: periods of the motions, in periods of the effects.
         starts: number of starts, the same states for each set.
         settings: length of the runs.
 
@@ -119,10 +119,10 @@ def start_shares(
     motions = runner.run(sets, np.concatenate(begin), settings)
     alike, forcing = motions.alike.reshape(-1, starts), runner.effect_period(gears[0])
     return [
-        _gathered(place, one, int((t & a).sum()), int((t & ~a).sum()), starts)
-        for one in wanted
+        _gathered(place, period, int((t & a).sum()), int((t & ~a).sum()), starts)
+        for period in periods
         for place, t, a in zip(
-            places, motions.repeats(one * forcing).reshape(-1, starts), alike, strict=True
+            places, motions.repeats(period * forcing).reshape(-1, starts), alike, strict=True
         )
     ]
 
@@ -155,16 +155,19 @@ def survival(
     states = start_states(runner, gears, Starts(alike=0, parted=starts))
     sets = [gear for gear in gears for _ in range(states.shape[1])]
     motions = runner.run(sets, states.reshape(len(sets), -1), settings)
-    period = motions.period.reshape(len(gears), -1) / runner.effect_period(gears[0])
+    forcing = runner.effect_period(gears[0])
+    period = motions.period.reshape(len(gears), -1) / forcing
+    reached = motions.repeats(wanted * forcing).reshape(len(gears), -1)
     asymmetry = motions.asymmetry.reshape(len(gears), -1)
     return [
-        _survival(what, size, wanted, p, a)
-        for (what, size), p, a in zip(cases, period, asymmetry, strict=True)
+        _survival(what, size, wanted, *rows)
+        for (what, size), *rows in zip(cases, period, reached, asymmetry, strict=True)
     ]
 
 
-def _survival(what: str, size: float, wanted: int, period: Array, apart: Array) -> Survival:
-    reached = repeats(period, wanted)
+def _survival(
+    what: str, size: float, wanted: int, period: Array, reached: Flags, apart: Array
+) -> Survival:
     zero, running = bool(reached[0]), bool(reached[1])
     distance = apart[0] if zero else apart[1] if running else np.nan
     counts = (int(reached[2:].sum()), len(reached) - 2)

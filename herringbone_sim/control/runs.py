@@ -61,7 +61,7 @@ class Motions:
         asymmetry: RMS left-right difference of the section points, b_c.
         contact_loss: 0 = never, 1 = on one flank, 2 = on both flanks of some mesh.
         apart: fraction of the time without contact, mean of the meshes.
-        end: (n, n_state) final states, at phase 0.
+        end: (n, n_state) final states, at phase 0, with those that effects add.
     """
 
     period: Array
@@ -140,10 +140,14 @@ class MotionRunner:
 
         Args:
             sets: n parameter sets.
-            starts: (n, n_state) states at phase 0; a row of NaN counts as a failed run.
+            starts: (n, n_state) states at phase 0; a row of NaN counts as a failed run; states
+                that effects add are at rest if left out.
             settings: length of the runs.
         """
         self._planned(len(sets))
+        built = next((model for model in map(self._model, sets) if model is not None), None)
+        more = built.n_state - starts.shape[1] if built else 0
+        starts = np.pad(starts, ((0, 0), (0, more)))
         slices = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
         chunks = [self._chunk(sets[rows], starts[rows], settings) for rows in slices]
         return Motions(**self._chunks.arrays([chunks])[0])
@@ -181,11 +185,12 @@ def _fill(
     """Integrate gears and write their motions into the given rows of ``motions``."""
     length = (settings.transient, settings.cycles, settings.cycles, settings.exponents)
     batch = run_batch(models, starts, *length)
-    motions.period[rows] = find_periods(batch.sections, settings.max_period)
+    sections = batch.sections[..., : models[0].layout.n_state]
+    motions.period[rows] = find_periods(sections, settings.max_period)
     for name in ("exponent", "exponent_error"):
         getattr(motions, name)[rows] = getattr(batch, f"{name}s")
     motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
-    motions.asymmetry[rows] = asymmetries(batch.sections[..., : models[0].layout.n_state])
+    motions.asymmetry[rows] = asymmetries(sections)
     motions.contact_loss[rows] = contact_loss(batch.contact)
     motions.apart[rows] = batch.contact[:, :, 1].mean(axis=1)
     motions.end[rows] = batch.end

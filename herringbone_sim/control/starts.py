@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,8 @@ class Starts:
     """Kinds and numbers of states at phase 0 at which a control is switched on.
 
     ``zero``: the initial state of the gear, which the paper seems to use. ``running``: the state
-    after about 800 mesh cycles without control. ``alike``: random with left = right. ``parted``:
-    random, left and right drawn independently.
+    after 800 mesh cycles without control, or a little more. ``alike``: random with left = right.
+    ``parted``: random, left and right drawn independently.
 
     Attributes:
         alike, parted: number of states of these kinds.
@@ -47,13 +47,16 @@ class Starts:
 def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Starts) -> Array:
     """States (n, n_start, n_state) at phase 0 of n gears, in the order of ``Starts.names``.
 
-    NaN where the run without control failed.
+    At all of them the effects are at the phase of mesh cycle 0. NaN where the run without control
+    failed.
     """
     models = [runner.build(p) for p in sets]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:
         free = [p.changed({"K": 0.0}) for p in sets]
-        columns.append(runner.run(free, columns[0], SETTLE).end)
+        period = runner.effect_period(sets[0])
+        settings = replace(SETTLE, transient=-(-SETTLE.transient // period) * period)
+        columns.append(runner.run(free, columns[0], settings).end)
     rng = np.random.default_rng(starts.seed)
     n_class = models[0].layout.n_classes
     for _ in range(starts.alike):
@@ -64,4 +67,7 @@ def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Start
         draws = (np.random.default_rng(seed) for _ in models)
         pairs = zip(models, draws, strict=True)
         columns.append(np.array([random_starts(m, 1, g, starts.reach)[0] for m, g in pairs]))
-    return np.stack(columns, axis=1)
+    n = models[0].n_state  # with states that effects add, at rest unless the gear was running
+    return np.stack(
+        [np.pad(states, ((0, 0), (0, n - states.shape[1]))) for states in columns], axis=1
+    )

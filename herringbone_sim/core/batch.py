@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +46,9 @@ class Batch:
     """Results of n models; all numbers of a model that diverged are NaN.
 
     Attributes:
-        sections: (n, points, n_state) states of the layout at phase 0 of the last cycles,
-            dimensionless.
-        end: (n, n_state + 2 s) states after the last cycle; displacements and rates of the s
-            coordinates that effects add come last.
+        sections: (n, points, n_state + 2 s) states at phase 0 of the last cycles, dimensionless;
+            displacements and rates of the s coordinates that effects add come last.
+        end: (n, n_state + 2 s) states after the last cycle.
         exponents: (n,) largest Lyapunov exponent per tau; NaN if not requested or with method rk4.
         exponent_errors: (n,) standard error of ``exponents``, from up to 10 batches of cycles.
         within: (n,) largest exponent of left-right symmetric perturbations; NaN where the halves
@@ -84,6 +84,12 @@ class _Length:
     @property
     def batches(self) -> int:
         return min(BATCHES, self.cycles)
+
+    @property
+    def edges(self) -> Indices:
+        """(batches + 1,) observed cycles at which batches begin and end, as in the lanes."""
+        edges: Indices = -(-np.arange(self.batches + 1) * self.cycles // self.batches)
+        return edges
 
 
 def run_batch(
@@ -130,7 +136,7 @@ def run_batch(
     if directions is not None:
         along = [Directions(*pair) for pair in zip(models, directions, strict=True)]
         found = replace(found, columns=np.full((len(models), len(directions[0]), n_all), np.nan))
-    mirror = state_mirror(models[0]) if len(models) else np.zeros(0, dtype=np.int64)
+    mirror = state_mirror(models[0])
     equal = np.array(
         [
             np.array_equal(y, y[mirror])
@@ -153,7 +159,7 @@ def run_batch(
                 reasons[chosen] = _run_by_laws(found, chosen, group, begin, length)
                 continue
             if _has_no_lanes(models[0]):
-                reasons[chosen] = _run_singly(found, chosen, group, begin, sides, length)
+                reasons[chosen] = _run_singly(found, chosen, group, begin, length)
                 continue
             beside = [along[int(i)] for i in chosen] if along else []
             reasons[chosen] = _run_lanes(found, chosen, group, begin, sides, length, beside)
@@ -184,7 +190,7 @@ def _empty(n: int, points: int, layout: Layout, n_all: int) -> Batch:
     def none(*shape: int) -> Array:
         return np.full((n, *shape), np.nan)
 
-    sections, contact = none(points, layout.n_state), none(layout.n_mesh, 3)
+    sections, contact = none(points, n_all), none(layout.n_mesh, 3)
     return Batch(sections, none(n_all), none(), none(), none(), none(), contact, ())
 
 
@@ -239,10 +245,10 @@ def _run_lanes(
         Results(sections, end, growth, contact, failed),
     )
     whole = from_left_half(models[0]) if sides == 1 else taken
-    batch.sections[chosen] = sections[..., whole[: layout.n_state]]
+    batch.sections[chosen] = sections[..., whole]
     batch.end[chosen] = end[..., whole]
     if near is not None:
-        for i, one, columns in zip(chosen, along, near.found, strict=True):
+        for i, one, columns in zip(chosen, along, near.ends, strict=True):
             batch.columns[i] = one.from_kernel(batch.end[i], columns[:, whole])
         batch.columns[chosen[failed]] = np.nan
     _put_exponents(batch, chosen, models, growth, length)
@@ -269,9 +275,8 @@ def _put_exponents(
     """
     if not length.tangents:
         return
-    edges = np.ceil(np.arange(length.batches + 1) * length.cycles / length.batches)
     cycle = TWO_PI / np.array([model.packed.Omega for model in models])
-    spans = np.diff(edges)[:, None] * cycle[:, None, None]
+    spans = np.diff(length.edges)[:, None] * cycle[:, None, None]
     rates = growth[:, :-1] / spans
     means = growth[:, :-1].sum(axis=1) / (length.cycles * cycle)[:, None]
     errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
@@ -311,7 +316,7 @@ def _run_by_laws(
     look = length.transient, length.cycles, length.points
     tangents = min(length.tangents, 1)
     result = models[0].integrator.run_batch(models, *begin, look, tangents)
-    batch.sections[chosen] = result.sections[..., : models[0].layout.n_state]
+    batch.sections[chosen] = result.sections
     batch.end[chosen] = result.end
     with np.errstate(invalid="ignore"):  # 0 / 0 where a model diverged
         batch.contact[chosen] = result.contact / result.contact[:, :1].sum(axis=2, keepdims=True)
@@ -324,7 +329,7 @@ def _run_by_laws(
 
 def _by_batches(growth: Array, length: _Length) -> Array:
     """Sum growth (n, cycles, tangents) of single cycles over batches, for ``_put_exponents``."""
-    parts = [part.sum(axis=1) for part in np.array_split(growth, length.batches, axis=1)]
+    parts = [growth[:, first:stop].sum(axis=1) for first, stop in pairwise(length.edges)]
     return np.pad(np.stack(parts, axis=1), ((0, 0), (0, 1), (0, 0)))
 
 
@@ -338,7 +343,6 @@ def _run_singly(
     chosen: Indices,
     models: Sequence[Model],
     begin: tuple[Array, Indices],
-    sides: int,
     length: _Length,
 ) -> list[str]:
     """Integrate models one by one, with at most one tangent (rk4: none); returns their reasons."""
@@ -361,9 +365,10 @@ def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _
         contact += block.contact
         if block.diverged:
             return "diverged"
+    if gear_stepper.advance(states[-1], 1).diverged:  # the last state, which no block looked at
+        return "diverged"
     kept = states[length.cycles - length.points : length.cycles]
-    m = model.layout.n_state
-    batch.sections[i] = np.array([state.y[:m] for state in kept]).reshape(batch.sections[i].shape)
+    batch.sections[i] = np.array([state.y for state in kept]).reshape(batch.sections[i].shape)
     batch.end[i] = states[-1].y
     batch.contact[i] = contact / contact[0].sum()
     if k:

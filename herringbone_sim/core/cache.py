@@ -67,13 +67,13 @@ def compiled_from(package: Path) -> list[Path]:
 
 def digest(*sources: Path) -> str:
     """Return the SHA-256, hexadecimal, of names and contents of all Python files in folders."""
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for folder in sources:
         for source in sorted(folder.rglob("*.py")):
             content = source.read_bytes()
-            found.update(f"{source.relative_to(folder).as_posix()} {len(content)}\n".encode())
-            found.update(content)
-    return found.hexdigest()
+            hasher.update(f"{source.relative_to(folder).as_posix()} {len(content)}\n".encode())
+            hasher.update(content)
+    return hasher.hexdigest()
 
 
 def _forget(folder: Path, indices: Iterable[Path], now: str) -> None:

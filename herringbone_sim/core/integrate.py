@@ -316,28 +316,36 @@ def largest_exponent(
 
     Args:
         model: see ``build``.
-        cycles: mesh cycles averaged over, in 10 batches of equal length.
+        cycles: mesh cycles averaged over, at least 2, in 10 batches (of a cycle each if fewer).
         transient: mesh cycles integrated before and not evaluated.
         state: start state; None: the initial state.
 
     Raises:
+        ParameterError: fewer than 2 cycles, of which there is no standard error.
         DivergenceError: the state left the range of any physical motion.
     """
+    if cycles < 2:
+        raise ParameterError(
+            f"an exponent and its standard error need at least 2 mesh cycles, got {cycles}: "
+            "take more"
+        )
     gear_stepper = stepper(model)
     n = model.parameters.samples_per_cycle
     now = gear_stepper.start(tangents=1)
     if state is not None:
         now = replace(state, tangents=now.tangents, growth=now.growth)
     growth = []
-    for length in [transient] + [max(cycles // 10, 1)] * 10:
-        block = gear_stepper.advance(now, length * n)
+    batches = min(10, cycles)
+    lengths = np.diff(np.arange(batches + 1) * cycles // batches)
+    for length in (transient, *lengths):
+        block = gear_stepper.advance(now, int(length) * n)
         if block.diverged:
             raise DivergenceError(f"the motion diverged at t = {block.rows[-1, 0]:.6g} s")
         growth.append(float(block.end.growth[0] - now.growth[0]))
         now = block.end
-    tau = max(cycles // 10, 1) * TWO_PI / model.packed.Omega
-    batches = np.array(growth[1:]) / tau
-    return float(batches.mean()), float(batches.std(ddof=1) / np.sqrt(len(batches)))
+    rates = np.array(growth[1:]) / (lengths * TWO_PI / model.packed.Omega)
+    error = rates.std(ddof=1) / np.sqrt(len(rates))
+    return float(np.average(rates, weights=lengths)), float(error)
 
 
 def warm_up(model: Model) -> Any:

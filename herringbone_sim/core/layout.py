@@ -25,6 +25,8 @@ MEANINGS = {
     "v": "rate of the relative displacement of mesh",
     "F": "normal mesh force k f(x) + c v of mesh",
     "u": "rotation times base radius, rigid rotation removed, of body",
+    "a": "angular acceleration times base radius of body",
+    "pin": "sum of the normal mesh forces of both halves of planet",
 }
 
 
@@ -103,7 +105,12 @@ def unit_of(channel: str) -> str:
 
 
 def describe(channel: str) -> dict[str, str]:
-    """Return name, unit and meaning of one of ``Layout.channels``, for the ``channels`` topic."""
+    """Return name, unit and meaning of one of ``Layout.channels_of``, for the ``channels`` topic.
+
+    KeyError: unknown name.
+    """
     prefix, _, rest = channel.partition("_")
+    if channel.startswith("F_pin"):
+        prefix, rest = "pin", rest.removeprefix("pin") or "(all alike)"
     meaning = MEANINGS[channel] if channel in MEANINGS else f"{MEANINGS[prefix]} {rest}"
     return {"name": channel, "unit": unit_of(channel), "meaning": meaning}

@@ -59,9 +59,9 @@ def has_equal_planets(model: Model) -> bool:
 def _of_meshes(model: Model) -> NDArray[np.float64]:
     """Stack the constants of ``packed`` that each mesh has: (rows, kind, side, planet)."""
     p = model.packed
-    one = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
+    single = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)
     many = (p.k_cos, p.k_sin, p.e_cos, p.e_sin, p.d_cos, p.d_sin, p.window_k, p.window_d, p.law)
-    return np.concatenate([np.array(one), *many]).reshape(-1, 2, 2, model.layout.n_classes)
+    return np.concatenate([np.array(single), *many]).reshape(-1, 2, 2, model.layout.n_classes)
 
 
 def left_half(model: Model) -> Indices:

@@ -293,6 +293,27 @@ def body_displacements(model: Model, y: Array) -> Array:
     return np.concatenate([q + 2.0 * u_c, [u_c], r + u_c])
 
 
+def divergence(model: Model) -> float:
+    """Return the trace of the derivative of dy/dtau with respect to y, effects included.
+
+    NaN with friction, damping by contact, and laws of effects, where it depends on the state.
+    """
+    p, m, n = model.packed, model.layout.n_coordinate, model.layout.n_mesh
+    if model.integrator is not None or p.law[2].any() or p.rubs.size:
+        return float("nan")
+    forces = np.eye(n + model.n_own)  # of meshes, then of the seats of added coordinates
+    out = p.push[0, :-1].copy()
+    out[:2] -= 2.0 * p.push[0, -1]
+    out[2:m] -= p.push[0, -1]
+    for j in range(n):
+        accelerate(p, forces[j], out[:m, j])
+    into = np.eye(n + model.n_own, m + model.n_own, m - n)
+    into[:n, :m] = np.array([_deflect(row) for row in np.eye(m)]).T
+    into[:n, m:] = p.own_shift.T
+    damping = np.concatenate([p.damping, p.seat[:, 1]])
+    return float(np.trace(out @ np.diag(damping) @ into))
+
+
 def jacobian(model: Model, y: Array, phase: float) -> Array:
     """Return the derivative (n_state, n_state) of dy/dtau with respect to y, away from kinks.
 

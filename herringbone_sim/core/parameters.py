@@ -219,8 +219,8 @@ def meaning(name: str) -> Meaning:
     item = Parameters.__dataclass_fields__.get(name)
     if item is None:
         raise ParameterError(f"no parameter {shown(name)}; there are {', '.join(names())}")
-    found: Meaning = item.metadata["meaning"]
-    return found
+    description: Meaning = item.metadata["meaning"]
+    return description
 
 
 def coerce(name: str, value: Any) -> Value:
@@ -296,25 +296,25 @@ def _check(name: str, value: Any, about: Meaning) -> None:
     number: Any = numbers.Integral if isinstance(default, int) else numbers.Real
     if isinstance(value, tuple) is not isinstance(default, tuple):
         raise ParameterError(f"{name} must be {type(default).__name__}, got {shown(value)}")
-    for one in value if isinstance(value, tuple) else (value,):
-        if isinstance(one, bool) or not isinstance(one, number):
-            raise ParameterError(f"{name} must be {number.__name__.lower()}, got {shown(one)}")
-        if not math.isfinite(one):
-            raise ParameterError(f"{name} [{about.unit}] must be finite, got {shown(one)}")
-        if not about.low <= one <= about.high:
+    for entry in value if isinstance(value, tuple) else (value,):
+        if isinstance(entry, bool) or not isinstance(entry, number):
+            raise ParameterError(f"{name} must be {number.__name__.lower()}, got {shown(entry)}")
+        if not math.isfinite(entry):
+            raise ParameterError(f"{name} [{about.unit}] must be finite, got {shown(entry)}")
+        if not about.low <= entry <= about.high:
             raise ParameterError(
                 f"{name} [{about.unit}] must lie in {about.low:g} .. {about.high:g}, "
-                f"got {shown(one)}: choose a value inside"
+                f"got {shown(entry)}: choose a value inside"
             )
 
 
 def lengths(p: Parameters) -> dict[str, tuple[int, int]]:
     """Return the two allowed lengths of each list over meshes, bodies or planets, by name."""
     n = p.layout.n_mesh
-    found = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
-    found |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
+    allowed = {"I_s_factor": (1, 2), "I_p_factor": (1, n // 2), "planet_angle": (0, p.n_planets)}
+    allowed |= dict.fromkeys(("control_on", "initial_x", "initial_v"), (1, 4))
     of_meshes = ("k_factor", "phi_a", "e_factor", "e_offset", "phi_b", "mesh_phase")
-    return found | dict.fromkeys((*of_meshes, "c_factor", "b_offset"), (1, n))
+    return allowed | dict.fromkeys((*of_meshes, "c_factor", "b_offset"), (1, n))
 
 
 def _check_lists(p: Parameters) -> None:

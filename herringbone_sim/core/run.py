@@ -307,8 +307,8 @@ class Kernel:
     @property
     def is_compiled(self) -> bool:
         """Whether this process has compiled, or loaded, ``run`` for this type of gear."""
-        made = getattr(self._run, "signatures", None)
-        return made is None or any(one[1] == self._kind for one in made)
+        signatures = getattr(self._run, "signatures", None)
+        return signatures is None or any(signature[1] == self._kind for signature in signatures)
 
     @property
     def code(self) -> tuple[Any, Any]:
@@ -371,11 +371,11 @@ class Kernel:
         p = self.model.parameters
         orbit, _, _ = self._begin(y, tangents, columns)
         states = np.empty((n, 1 + len(tangents), len(y)))
-        found = np.zeros((n, len(columns), len(y)))
-        self._trace(orbit, place, p.steps, p.steps // p.samples_per_cycle, states, found)
+        sampled_columns = np.zeros((n, len(columns), len(y)))
+        self._trace(orbit, place, p.steps, p.steps // p.samples_per_cycle, states, sampled_columns)
         if self._along:
-            found = self._along.from_kernel(states[:, 0], found)
-        return states[:, 0], states[:, 1:], found
+            sampled_columns = self._along.from_kernel(states[:, 0], sampled_columns)
+        return states[:, 0], states[:, 1:], sampled_columns
 
     def read(
         self, states: Array, places: NDArray[np.int64], rest: tuple[Array, Array, Array]

@@ -95,7 +95,9 @@ def match_known(
         ``len(known)`` if none is the same.
     """
     matches = (
-        i for i, one in enumerate(known) if same_attractor(one, candidate, exchange, tolerance)
+        i
+        for i, attractor in enumerate(known)
+        if same_attractor(attractor, candidate, exchange, tolerance)
     )
     return next(matches, len(known))
 
@@ -121,9 +123,9 @@ def drop_repeats(points: Array, distance: float) -> Array:
     nearest neighbours of each other and spoil ``same_set_share``.
     """
     again = cKDTree(points).query_pairs(distance, output_type="ndarray")
-    kept = np.ones(len(points), dtype=bool)
-    kept[again.min(axis=1, initial=len(points))] = False
-    return points[kept]
+    unique = np.ones(len(points), dtype=bool)
+    unique[again.min(axis=1, initial=len(points))] = False
+    return points[unique]
 
 
 def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import Model, initial_state, state
+from herringbone_sim.core.model import Model, state
 from herringbone_sim.dynamics.attractors import Attractor, attractor_of, match_known
 from herringbone_sim.dynamics.flow import symmetry
 
@@ -73,15 +73,15 @@ def explore(
         known: attractors from an earlier call; they come first and keep their order.
         progress: wraps the iterable of batches, such as ``tqdm``.
     """
-    found, labels = list(known), np.full(len(starts), FAILED)
+    attractors, labels = list(known), np.full(len(starts), FAILED)
     for first in progress(range(0, len(starts), CHUNK)):
         for i, section in enumerate(sections_of(starts[first : first + CHUNK]), start=first):
             if np.isfinite(section).all():
                 attractor = attractor_of(section, exchange, tolerance)
-                labels[i] = match_known(attractor, found, exchange, tolerance)
-                if labels[i] == len(found):
-                    found.append(replace(attractor, points=attractor.points.copy()))
-    basins = Basins(tuple(found), labels)
+                labels[i] = match_known(attractor, attractors, exchange, tolerance)
+                if labels[i] == len(attractors):
+                    attractors.append(replace(attractor, points=attractor.points.copy()))
+    basins = Basins(tuple(attractors), labels)
     return basins if known else by_share(basins)
 
 
@@ -117,8 +117,9 @@ def gear_sections(
             it.
 
     Returns:
-        Function of initial states (m, n_state) that gives section points (m, points, n_state),
-        NaN where the motion diverged.
+        Function of initial states (m, n_state), in which states that effects add may be left out
+        (at rest), that gives section points (m, points, n_state) with them, NaN where the motion
+        diverged.
     """
 
     def run(starts: Array) -> Array:
@@ -140,7 +141,7 @@ def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float =
     independently.
     """
     x, v = rng.uniform(-reach, reach, (2, n, model.layout.n_mesh))
-    return np.array([state_at(model, *one) for one in zip(x, v, strict=True)])
+    return np.array([state_at(model, *start) for start in zip(x, v, strict=True)])
 
 
 def state_at(model: Model, x: Array, v: Array) -> Array:
@@ -148,9 +149,7 @@ def state_at(model: Model, x: Array, v: Array) -> Array:
 
     States that effects add are not contained.
     """
-    y = initial_state(model)
-    y[: model.layout.n_state] = state(model, x, v, 0.0)
-    return y
+    return state(model, x, v, 0.0)
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
@@ -191,8 +190,8 @@ def explore_slice(
     axis, starts = slice_starts(model, n, reach)
     exchange = symmetry(model)
     rows = n if exchange is None else (n + 1) // 2
-    found = explore(sections_of, starts[: rows * n], exchange, known=known, progress=progress)
-    labels = found.labels.reshape(rows, n)
+    basins = explore(sections_of, starts[: rows * n], exchange, known=known, progress=progress)
+    labels = basins.labels.reshape(rows, n)
     if exchange is not None:
         labels = np.concatenate([labels, labels[: n // 2][::-1]])
-    return axis, Basins(found.attractors, labels)
+    return axis, Basins(basins.attractors, labels)

@@ -82,32 +82,36 @@ def find_boundaries(curve: Curve, branch: Branch, watch: Watch | None = None) ->
         watch: maps (parameter value, states (period, n) of an orbit) to the number of crossings
             of each backlash edge, by name; if None, grazings are not looked for.
     """
-    found = []
+    boundaries = []
     counts = [signature(point, watch) for point in branch.points]
     for i, (a, b) in enumerate(pairwise(branch.points)):
         changed = [key for key in counts[i] if counts[i][key] != counts[i + 1][key]]
         borders = [key for key in changed if key not in COUNTS]
-        at_step = [one for key in borders for one in _along(curve, key, (a, b), watch, i)]
+        at_step = [
+            boundary for key in borders for boundary in _along(curve, key, (a, b), watch, i)
+        ]
         # Multipliers have a kink at a grazing: bisect for their crossings on each side of it.
-        stops = [a, *(one.point for one in at_step), b]
+        stops = [a, *(boundary.point for boundary in at_step), b]
         stops.sort(key=lambda point: float((point.z - a.z) @ (b.z - a.z)))
         for part in pairwise(stops):
-            at_step += [one for key in COUNTS for one in _along(curve, key, part, None, i)]
-        at_step.sort(key=lambda one: float((one.point.z - a.z) @ (b.z - a.z)))
-        found += _merged(at_step)
-    return found
+            at_step += [
+                boundary for key in COUNTS for boundary in _along(curve, key, part, None, i)
+            ]
+        at_step.sort(key=lambda boundary: float((boundary.point.z - a.z) @ (b.z - a.z)))
+        boundaries += _merged(at_step)
+    return boundaries
 
 
 def _merged(boundaries: list[Boundary]) -> list[Boundary]:
     """Merge grazings of several edges by the same orbit; the order does not change."""
     merged: list[Boundary] = []
-    for one in boundaries:
-        last = merged[-1] if merged else one
-        apart = float(np.abs(one.point.z - last.point.z).max()) > 10 * NARROW
-        if one is last or apart or one.kind != "grazing" or last.kind != "grazing":
-            merged.append(one)
+    for boundary in boundaries:
+        last = merged[-1] if merged else boundary
+        apart = float(np.abs(boundary.point.z - last.point.z).max()) > 10 * NARROW
+        if boundary is last or apart or boundary.kind != "grazing" or last.kind != "grazing":
+            merged.append(boundary)
         else:
-            merged[-1] = replace(last, detail=f"{last.detail}, {one.detail}")
+            merged[-1] = replace(last, detail=f"{last.detail}, {boundary.detail}")
     return merged
 
 
@@ -227,6 +231,6 @@ def critical_mode(curve: Curve, boundary: Boundary) -> Array:
     for jacobian in boundary.point.orbit.jacobians:
         product = jacobian @ product
     values, vectors = np.linalg.eig(product)
-    found = vectors[:, np.argmin(np.abs(values - boundary.multiplier))].real
-    mode: Array = found / np.linalg.norm(found)
+    vector = vectors[:, np.argmin(np.abs(values - boundary.multiplier))].real
+    mode: Array = vector / np.linalg.norm(vector)
     return mode

@@ -105,17 +105,17 @@ def trace_cascade(
     """
     options = options or CascadeOptions()
     waiting = [_first(family, points, value) for value, points in starts]
-    found: list[Followed] = []
-    while waiting and len(found) < options.branches:
+    branches: list[Followed] = []
+    while waiting and len(branches) < options.branches:
         opening = waiting.pop(0)
-        if any(_is_known(one, opening) for one in found):
+        if any(_is_known(branch, opening) for branch in branches):
             continue
         done = _trace(opening, watch, options.steps)
-        found.append(done)
+        branches.append(done)
         if progress:
             progress(done)
         waiting += [*_to_simpler(done), *_to_doubled(done, options)]
-    return found
+    return branches
 
 
 @dataclass(frozen=True)
@@ -170,16 +170,16 @@ def _simpler_ends(traced: Followed) -> list[tuple[BranchPoint, Array]]:
 
     The states (period, n) are averaged over the halves of the period, or over left and right.
     """
-    mirror, found = traced.curve.family.mirror, []
+    mirror, simpler = traced.curve.family.mirror, []
     for i, end in zip((0, -1), traced.branch.ends, strict=True):
         point = traced.branch.points[i]
         points = point.orbit.points
         if end == "halved":
             half = traced.period // 2
-            found.append((point, 0.5 * (points[:half] + points[half:])))
+            simpler.append((point, 0.5 * (points[:half] + points[half:])))
         elif end == "mirrored" and mirror is not None:
-            found.append((point, 0.5 * (points + points[:, mirror])))
-    return found
+            simpler.append((point, 0.5 * (points + points[:, mirror])))
+    return simpler
 
 
 def _to_simpler(traced: Followed) -> Iterator[BranchStart]:

@@ -104,7 +104,6 @@ class Curve:
         residual, by_points = shoot(self.family.flow_at(self.family.value(s)), inner, self.basis)
         ds = DIFFERENCE if s < 0.5 else -DIFFERENCE
         aside = self.family.flow_at(self.family.value(s + ds))
-        by_s = np.empty_like(residual)
         none = np.zeros((0, aside.n))
         images = np.array([aside.advance(y, none)[0] for y in self.points(z)])
         by_s = ((images - np.roll(self.points(z), -1, axis=0)) @ self.basis).ravel() - residual
@@ -124,12 +123,14 @@ class Curve:
             residual, jacobian = self.equations(z)
             return np.append(residual, across @ (z - guess)), np.vstack([jacobian, across])
 
-        found = newton(bordered, guess)
-        if found.reason:
-            raise AnalysisError(f"no orbit of period {self.period}: {found.reason}")
-        along = self.tangent(found.z)
+        solution = newton(bordered, guess)
+        if solution.reason:
+            raise AnalysisError(f"no orbit of period {self.period}: {solution.reason}")
+        along = self.tangent(solution.z)
         ahead = across if tangent is None else tangent
-        return self._point(found.z, along if along @ ahead >= 0 else -along, found.iterations)
+        return self._point(
+            solution.z, along if along @ ahead >= 0 else -along, solution.iterations
+        )
 
     def tangent(self, z: Array) -> Array:
         """Unit tangent (period k + 1,) of the curve at z; its sign is arbitrary."""

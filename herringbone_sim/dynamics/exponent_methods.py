@@ -11,7 +11,7 @@ from herringbone_sim.analysis.lyapunov import LONGEST, Exponent, largest_exponen
 from herringbone_sim.analysis.periods import MIN_REPEATS, find_period
 from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model, jacobian
+from herringbone_sim.core.model import Model, divergence
 from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, settle, symmetry
 from herringbone_sim.dynamics.growth import Growth
@@ -29,11 +29,12 @@ class ExponentComparison:
 
     Attributes:
         spectrum: all exponents, from the tangent flow.
-        divergence: trace of the Jacobian, which the sum of the spectrum must equal.
+        divergence: trace of the Jacobian, which the sum of the spectrum must equal; NaN if it
+            depends on the state, see ``core.model.divergence``.
         distances: (m,) initial distances of the two-trajectory method.
         two_trajectories: (m, 2) largest exponent and its standard error at each distance.
-        symmetric: exponents of symmetric and antisymmetric perturbations; None for a motion
-            without left-right symmetry.
+        symmetric: exponents of symmetric and antisymmetric perturbations, as many of each as there
+            are of the latter; None for a motion without left-right symmetry.
         section: (cycles, n) states at phase 0.
         longest: longest period that is looked for in the section, in mesh cycles.
         series: largest exponent estimated from the section alone, per mesh cycle.
@@ -94,13 +95,13 @@ def compare_exponents(
     step("left and right")
     symmetric = None
     if exchange is not None and np.array_equal(y, y[exchange]):
-        half = flow.n // 2
+        half = int(np.sum(exchange > np.arange(flow.n)))
         symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, half, transient)
     step("recorded series")
     section = section_of(flow, y, cycles, transient)
     return ExponentComparison(
         spectrum=spectrum,
-        divergence=float(np.trace(jacobian(model, y, 0.0))),
+        divergence=divergence(model),
         distances=np.array(DISTANCES),
         two_trajectories=pairs,
         symmetric=symmetric,

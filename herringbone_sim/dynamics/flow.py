@@ -15,8 +15,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import stepper
-from herringbone_sim.core.mirror import has_equal_halves
-from herringbone_sim.core.mirror import layout_mirror as mirror
+from herringbone_sim.core.mirror import has_equal_halves, state_mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -163,9 +162,9 @@ def cycles_of(order: float, most: int = MOST_ORDER) -> int:
 def symmetry(model: Model) -> Indices | None:
     """Indices (n,) that swap left and right in a state, if the halves of a gear are bitwise equal.
 
-    Else None; also None if effects add states, which section points do not contain.
+    Else None.
     """
-    return mirror(model.layout) if not model.n_own and has_equal_halves(model) else None
+    return state_mirror(model) if has_equal_halves(model) else None
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:

@@ -6,7 +6,6 @@ from collections import OrderedDict
 from collections.abc import Sequence
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
 from herringbone_sim.dynamics.curve import Family
@@ -53,8 +52,8 @@ def gear_family(
 ) -> tuple[Family, Watch]:
     """Return the flows of a gear over a parameter range, and its count of backlash-edge crossings.
 
-    The family has a left-right symmetry if the halves are equal at both ends of the range. The
-    count is for ``boundaries.find_boundaries``.
+    The family has a left-right symmetry if the halves are equal at both ends and in the middle of
+    the range. The count is for ``boundaries.find_boundaries``.
 
     Raises:
         ParameterError: an empty range, an end of it that no gear can have, or an unknown
@@ -63,8 +62,8 @@ def gear_family(
     if not low < high:
         raise ParameterError(f"the range of {name} must ascend, got {low:g} .. {high:g}")
     gears = GearCache(p, name, actives)
-    alike = [symmetry(gears(value).model) is not None for value in (low, high)]
-    sides = layout_mirror(p.layout) if all(alike) else None
+    exchanges = [symmetry(gears(value).model) for value in (low, 0.5 * (low + high), high)]
+    sides = exchanges[0] if all(exchange is not None for exchange in exchanges) else None
 
     def watch(value: float, points: Array) -> dict[str, int]:
         return border_passes(gears(value), points, sides)

@@ -56,11 +56,11 @@ def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solu
         except np.linalg.LinAlgError:
             return Solution(z, size, iteration, "the Jacobian is singular")
         share = 1.0
-        while (found := _attempt(equations, z + share * step, size)) is None:
+        while (attempt := _attempt(equations, z + share * step, size)) is None:
             share *= 0.5
             if share < SHORTEST:
                 return Solution(z, size, iteration, "no step along Newton's direction helps")
-        z, (residual, jacobian) = z + share * step, found
+        z, (residual, jacobian) = z + share * step, attempt
     size = float(np.abs(residual).max())
     reason = "" if size <= tolerance else f"no convergence in {MAX_ITERATIONS} steps"
     return Solution(z, size, MAX_ITERATIONS, reason)

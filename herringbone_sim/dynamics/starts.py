@@ -60,10 +60,10 @@ def _periodic(flow: GearFlow, y: Array, period: int | None, name: str) -> Array:
     if period:
         return closest_return(flow, y, period, RETURNS)
     states = iterate(flow, y, WINDOW)
-    found = find_period(states).value
-    if not found:
+    detected = find_period(states).value
+    if not detected:
         raise AnalysisError(
             f"the motion at {name} is not periodic: start at another value, or look for an "
             "unstable orbit of N cycles near it (VALUE:N)"
         )
-    return states[-found:]
+    return states[-detected:]

@@ -58,19 +58,22 @@ def survival(model: Model, sections_of: Sections, starts: Array, at: int = 0) ->
     Args:
         model: see ``core.model.build``.
         sections_of: maps initial states to stroboscopic sections, see ``basins.explore``.
-        starts: (n_starts, n_state) random initial states.
+        starts: (n_starts, n_state) random initial states, without states that effects add.
         at: mesh cycles from the initial state to the last point of a section.
     """
-    rest = initial_state(model)
-    found = explore(sections_of, np.vstack([rest, starts]), symmetry(model))
-    kinds = [identify_motion(model, one, PERIODS, TURNING, at)[0] for one in found.attractors]
-    first, labels = found.labels[0], found.labels[1:]
+    rest_state = initial_state(model)
+    basins = explore(sections_of, np.vstack([rest_state, starts]), symmetry(model))
+    kinds = [
+        identify_motion(model, attractor, PERIODS, TURNING, at)[0]
+        for attractor in basins.attractors
+    ]
+    first, labels = basins.labels[0], basins.labels[1:]
     fates = [
-        _fate(i == first, kind, one)
-        for i, (kind, one) in enumerate(zip(kinds, found.attractors, strict=True))
+        _fate(i == first, kind, attractor)
+        for i, (kind, attractor) in enumerate(zip(kinds, basins.attractors, strict=True))
     ]
     counts = np.bincount([fates[i] for i in labels if i >= 0], minlength=len(FATES))
-    within, transverse = _stability(model, rest)
+    within, transverse = _stability(model)
     motion = kinds[first] if first >= 0 else "-"
     return Survival(motion, counts, len(starts), within, transverse)
 
@@ -84,8 +87,8 @@ def _fate(from_rest: bool, kind: str, attractor: Attractor) -> int:
     return 3 if "chaotic" in kind else 2
 
 
-def _stability(model: Model, y: Array) -> tuple[Array, Array]:
-    """Largest exponent per tau of symmetric and antisymmetric perturbations of the motion from y.
+def _stability(model: Model) -> tuple[Array, Array]:
+    """Largest exponent per tau of symmetric and antisymmetric perturbations of that from rest.
 
     Each (2,) with its standard error; NaN if the gear or the motion is not symmetric.
     """
@@ -94,11 +97,12 @@ def _stability(model: Model, y: Array) -> tuple[Array, Array]:
     if exchange is None:
         return none, none
     try:
-        y = settle(flow, y, SETTLING)
-        found = symmetric_exponents(flow, y, exchange, PERIODS, TURNING, at=SETTLING)
+        y = settle(flow, flow.start(), SETTLING)
+        exponents = symmetric_exponents(flow, y, exchange, PERIODS, TURNING, at=SETTLING)
     except (AnalysisError, DivergenceError):
         return none, none
     pairs = [
-        np.array([one.exponents[0], one.errors[0]]) for one in (found.within, found.transverse)
+        np.array([growth.exponents[0], growth.errors[0]])
+        for growth in (exponents.within, exponents.transverse)
     ]
     return pairs[0], pairs[1]

@@ -68,7 +68,7 @@ def symmetric_exponents(
             with np.errstate(divide="ignore"):
                 logarithms[i] = np.log(lengths)
     within, transverse = (
-        descending(one, flow.period, y) for one in np.split(logarithms, 2, axis=1)
+        descending(part, flow.period, y) for part in np.split(logarithms, 2, axis=1)
     )
     return SymmetricGrowth(within, transverse)
 

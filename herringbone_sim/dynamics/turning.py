@@ -62,7 +62,7 @@ def section(flow: Flow, points: Array) -> tuple[Array, Array]:
         AnalysisError: the flow is not that of a gear.
     """
     model = _gear(flow).model
-    both = np.array([relative(model, y, 0.0) for y in points])
+    both = np.array([relative(model, y, 0.0) for y in points[:, : model.layout.n_state]])
     return both[:, 0], both[:, 1]
 
 
@@ -97,7 +97,10 @@ def _passes(heights: Array, level: float) -> int:
 
 
 def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
-    """Mesh deflections and velocities (samples, n_mesh) over an orbit, in b_c and b_c omega_n."""
+    """Mesh deflections and velocities (samples, n_mesh) over an orbit, in b_c and b_c omega_n.
+
+    For a gear by the laws of its effects without the displacements by states that these add.
+    """
     p = flow.model.parameters.changed({"samples_per_cycle": SAMPLES})
     model = changed(flow.model, p)
     gear_stepper, n, s = stepper(model), model.layout.n_mesh, model.scales
@@ -109,13 +112,18 @@ def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
         rows = gear_stepper.advance(state, count).rows
         x[i] = rows[:, 5 : 5 + n] / s.b_c + added
         v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate
+        if model.n_own and model.integrator is None:
+            own = gear_stepper.trace(state, count)[0][:, model.layout.n_state :]
+            x[i] += own[:, : model.n_own] @ model.packed.own_shift
+            v[i] += own[:, model.n_own :] @ model.packed.own_shift
     return x.reshape(-1, n), v.reshape(-1, n)
 
 
 def displacement(model: Model, cycles: Array) -> tuple[Array, Array]:
     """Displacement d and velocity dd/dtau (k, n_mesh) that effects add to the mesh deflections.
 
-    Sampled rows do not contain them. In units of b_c and b_c omega_n.
+    Sampled rows do not contain them. In units of b_c and b_c omega_n, without displacements by
+    states that effects add.
 
     Args:
         cycles: (k,) times in mesh cycles since phase 0.

@@ -51,14 +51,14 @@ def over_distances(
     for distance in distances:
         if not distance > 0.0:
             raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
-    found = np.full((len(distances), 2), np.nan)
+    exponents = np.full((len(distances), 2), np.nan)
     path = _path(flow, y, transient + periods, at)
     for i, distance in enumerate(distances):
         logarithms = _growth(flow, path, distance, at)[transient:]
         if np.isfinite(logarithms).all():
             growth = Growth(logarithms[:, None], flow.period, path[-1])
-            found[i] = growth.exponents[0], growth.errors[0]
-    return found
+            exponents[i] = growth.exponents[0], growth.errors[0]
+    return exponents
 
 
 def _path(flow: Flow, y: Array, periods: int, at: int) -> Array:

@@ -112,15 +112,15 @@ def _nearest(sweep: Sweep, statement: WindowIs) -> str:
 
 @check.register
 def _(statement: BoundaryAt, evidence: Evidence) -> Obtained:
-    found = evidence.boundaries.get(statement) or locate(evidence.sweep, statement)
-    if not math.isfinite(found.at):
+    edge = evidence.boundaries.get(statement) or locate(evidence.sweep, statement)
+    if not math.isfinite(edge.at):
         return Obtained(_no_edge(evidence.sweep, statement), float("nan"), False)
-    nearest = min(max(found.at, statement.low), statement.high)
-    error = found.at - nearest
-    shares = _edge_shares(evidence.sweep, statement, found.at)
+    nearest = min(max(edge.at, statement.low), statement.high)
+    error = edge.at - nearest
+    shares = _edge_shares(evidence.sweep, statement, edge.at)
     ok = abs(error) <= REACH * _span(evidence.sweep) and min(shares) >= EDGE_SHARE
     sides = f"{shares[0]:.0%} and {shares[1]:.0%} beside it" if min(shares) < 1 else "clean"
-    return Obtained(f"{found.at:.4g} ({sides}; {found.note})", error, bool(ok))
+    return Obtained(f"{edge.at:.4g} ({sides}; {edge.note})", error, bool(ok))
 
 
 def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float, float]:
@@ -194,6 +194,6 @@ def _(statement: MotionAt, evidence: Evidence) -> Obtained:
 
 @check.register
 def _(statement: Route, evidence: Evidence) -> Obtained:
-    found = route(evidence.sweep)
-    text = " - ".join(map(motion_name, found))
-    return Obtained(text, float("nan"), found == statement.motions)
+    motions = route(evidence.sweep)
+    text = " - ".join(map(motion_name, motions))
+    return Obtained(text, float("nan"), motions == statement.motions)

@@ -101,6 +101,8 @@ def _chunk(request: Request) -> Chunk:
 
 
 def _run(request: Request) -> Batch:
+    """Batch of a request, its sections without states that effects add."""
     models = [build_with(parameters, request.effects) for parameters in request.sets]
     before = np.full(len(models), request.before)
-    return run_batch(models, request.starts, *request.length, before=before)
+    batch = run_batch(models, request.starts, *request.length, before=before)
+    return replace(batch, sections=batch.sections[..., : models[0].layout.n_state])

@@ -14,7 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.paper.boundaries import INNER, ROUNDS, Boundary, bisect, locate
+from herringbone_sim.paper.boundaries import INNER, MOVES, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
@@ -171,8 +171,8 @@ def compared_runs(n: int) -> int:
 
 
 def bisected_runs(scenario: Scenario) -> int:
-    """Number of runs to bisect all boundaries of a scenario, if no interval must be moved."""
-    return (len(scenario.windows) - 1) * (ROUNDS * INNER + 2)
+    """Largest number of runs to bisect all boundaries of a scenario."""
+    return (len(scenario.windows) - 1) * (ROUNDS * INNER + 2 * MOVES)
 
 
 def point_runs(scenarios: Sequence[Scenario]) -> int:

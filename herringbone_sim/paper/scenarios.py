@@ -86,11 +86,15 @@ def _controlled(key: str, K: float, ends: tuple[float, float, float]) -> Scenari
     Args:
         ends: published ends of chaos, of period 2 and of period 1.
     """
-    chaos, two, one = ends
-    windows = (Window(0, chaos, CHAOS, implied=True), Window(chaos, two, 2), Window(two, one, 1))
+    chaos, period_2, period_1 = ends
+    windows = (
+        Window(0, chaos, CHAOS, implied=True),
+        Window(chaos, period_2, 2),
+        Window(period_2, period_1, 1),
+    )
     says = (
-        f"With K = {K:g} chaos is suppressed to two-period motion from {chaos:g} to {two:g}, and "
-        f"to one-period motion from {two:g} to {one:g}.",
+        f"With K = {K:g} chaos is suppressed to two-period motion from {chaos:g} to {period_2:g}, "
+        f"and to one-period motion from {period_2:g} to {period_1:g}.",
         "The control applies over the entire temperature range.",
     )
     title = f"temperature rise under K = {K:g}"

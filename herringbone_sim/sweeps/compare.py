@@ -49,7 +49,7 @@ class GearSweeps:
 
     def contacts(self, way: str) -> list[str]:
         """Contact loss at n values, reached in one way: of ``CONTACT`` or ``failed``."""
-        return [CONTACT.get(float(one), FAILED) for one in self.results[way]["contact_loss"]]
+        return [CONTACT.get(float(loss), FAILED) for loss in self.results[way]["contact_loss"]]
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class BoundaryShift:
     @property
     def boundary(self) -> Boundary:
         """The boundary of the nominal gear, else that of the augmented one."""
-        found = self.nominal or self.augmented
-        assert found is not None
-        return found
+        boundary = self.nominal or self.augmented
+        assert boundary is not None
+        return boundary
 
     @property
     def shift(self) -> float:
@@ -100,7 +100,11 @@ class BoundaryShift:
     @property
     def uncertainty(self) -> float:
         """Uncertainty of the shift: the sum of the half-widths."""
-        return sum(one.half_width for one in (self.nominal, self.augmented) if one is not None)
+        return sum(
+            boundary.half_width
+            for boundary in (self.nominal, self.augmented)
+            if boundary is not None
+        )
 
 
 @dataclass(frozen=True)
@@ -138,13 +142,13 @@ def label_stretches(labels: Labels) -> list[tuple[int, int, str]]:
     least = LEAST_STRETCH * len(labels)
     edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
     long = [(a, b - 1, labels[a]) for a, b in pairwise(edges) if b - a >= least]
-    found: list[tuple[int, int, str]] = []
+    stretches: list[tuple[int, int, str]] = []
     for first, last, label in long:
-        if found and found[-1][2] == label:
-            found[-1] = (found[-1][0], last, label)
+        if stretches and stretches[-1][2] == label:
+            stretches[-1] = (stretches[-1][0], last, label)
         else:
-            found.append((first, last, label))
-    return found
+            stretches.append((first, last, label))
+    return stretches
 
 
 def boundaries(kind: str, values: Sequence[float], labels: Labels) -> list[Boundary]:
@@ -166,11 +170,13 @@ def match_boundaries(nominal: GearSweeps, augmented: GearSweeps, way: str) -> li
 
     Of several equal changes the nearest in value are matched. Motions come first, then contacts.
     """
-    found: list[BoundaryShift] = []
+    shifts: list[BoundaryShift] = []
     for kind in ("motion", "contact"):
         mine, other = (_boundaries(side, way, kind) for side in (nominal, augmented))
-        found += _matched(way, mine, other)
-    return sorted(found, key=lambda one: (one.boundary.kind != "motion", one.boundary.value))
+        shifts += _matched(way, mine, other)
+    return sorted(
+        shifts, key=lambda shift: (shift.boundary.kind != "motion", shift.boundary.value)
+    )
 
 
 def _boundaries(side: GearSweeps, way: str, kind: str) -> list[Boundary]:
@@ -210,8 +216,8 @@ def coexisting(side: GearSweeps) -> list[Stretch]:
     """Stretches of the values in which sweeps with different starts end in different motions."""
     at, values = motions_at(side), side.axis.values
     stretches = label_stretches(["\n".join(sorted(motions)) for motions in at])
-    found = [(values[a], values[b], tuple(label.split("\n"))) for a, b, label in stretches]
-    return [Stretch(*one) for one in found if len(one[2]) > 1]
+    spans = [(values[a], values[b], tuple(label.split("\n"))) for a, b, label in stretches]
+    return [Stretch(*span) for span in spans if len(span[2]) > 1]
 
 
 def motions_at(side: GearSweeps) -> list[list[str]]:
@@ -220,20 +226,20 @@ def motions_at(side: GearSweeps) -> list[list[str]]:
     A motion with equal halves has ``(left = right)`` in its name. Two motions of the same name are
     both listed if ``diagram.differ`` tells them apart.
     """
-    branches = [diagram_of([found]).branches[0] for found in side.results.values()]
+    branches = [diagram_of([result]).branches[0] for result in side.results.values()]
     names = [
         _with_symmetry(side.motions(way), branch)
         for way, branch in zip(side.results, branches, strict=True)
     ]
     apart = {(i, j): differ(branches[i], branches[j]) for i in range(len(names)) for j in range(i)}
-    found = []
+    names_at = []
     for k in range(len(side.axis)):
-        kept: list[int] = []
+        distinct: list[int] = []
         for i, row in enumerate(names):
-            if row[k] != FAILED and all(apart[i, j][k] for j in kept):
-                kept.append(i)
-        found.append([names[i][k] for i in kept])
-    return found
+            if row[k] != FAILED and all(apart[i, j][k] for j in distinct):
+                distinct.append(i)
+        names_at.append([names[i][k] for i in distinct])
+    return names_at
 
 
 def _with_symmetry(names: Sequence[str], branch: Branch) -> list[str]:

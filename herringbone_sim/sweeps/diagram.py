@@ -58,14 +58,14 @@ class Diagram:
 
     def branch(self, start: str) -> Branch | None:
         """The branch with a given ``Branch.start``, None if there is none."""
-        return next((one for one in self.branches if one.start == start), None)
+        return next((branch for branch in self.branches if branch.start == start), None)
 
     def hysteresis(self) -> Flags:
         """(n,) whether any branch ends in another motion than the first one, without ramps."""
-        held = [one for one in self.branches if not one.start.startswith("ramp")]
+        branches = [branch for branch in self.branches if not branch.start.startswith("ramp")]
         apart = np.zeros(len(self.axis), dtype=bool)
-        for one in held[1:]:
-            apart |= differ(held[0], one)
+        for branch in branches[1:]:
+            apart |= differ(branches[0], branch)
         return apart
 
 

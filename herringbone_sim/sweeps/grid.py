@@ -124,7 +124,9 @@ class Sweep:
     @property
     def actives(self) -> tuple[Active, ...]:
         """Effects on the gear, without those of sensors, which change no motion."""
-        return tuple(one for one in read_effects(self.effects) if one.effect.level != "sensor")
+        return tuple(
+            active for active in read_effects(self.effects) if active.effect.level != "sensor"
+        )
 
     @property
     def n_state(self) -> int:
@@ -213,11 +215,11 @@ def sweep_from_json(text: str) -> Sweep:
         ParameterError: the text describes no sweep.
     """
     try:
-        found = {"effects": ""} | parse_json(text)
-        known: dict[str, Any] = {item.name: found[item.name] for item in fields(Sweep)}
-        known["base"] = from_mapping(found["base"])
-        known["axes"] = tuple(_axis(one) for one in found["axes"])
-        known["observation"] = _typed(Observation(**found["observation"]))
+        content = {"effects": ""} | parse_json(text)
+        known: dict[str, Any] = {item.name: content[item.name] for item in fields(Sweep)}
+        known["base"] = from_mapping(content["base"])
+        known["axes"] = tuple(_axis(entry) for entry in content["axes"])
+        known["observation"] = _typed(Observation(**content["observation"]))
         return _typed(Sweep(**known))
     except KeyError as error:
         raise ParameterError(f"no description of a sweep: it has no {error}") from None
@@ -230,9 +232,11 @@ def _axis(entry: Mapping[str, Any]) -> Axis:
     name, values = entry["name"], entry["values"]
     if not isinstance(name, str) or not isinstance(values, list):
         raise TypeError(f"an axis must have a name and a list of values, got {shown(entry)}")
-    if not all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values):
+    if not all(
+        isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
+    ):
         raise TypeError(f"the values of {shown(name)} must be numbers, got {shown(values)}")
-    return Axis(name, tuple(float(one) for one in values))
+    return Axis(name, tuple(float(value) for value in values))
 
 
 def _typed(made: _Made) -> _Made:

@@ -23,7 +23,7 @@ A failed value is NaN in all but its index, its axes and its reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -79,27 +79,30 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
     The sweeps must have equal observation, effects, layout and Taylor order. A value at which no
     gear can be built fails with the reason, without an exception.
     """
-    tables = [empty_table(one.sweep, one.indices) for one in asked]
+    tables = [empty_table(request.sweep, request.indices) for request in asked]
     actives = asked[0].sweep.actives
-    found = [build_models(one.sweep, one.indices) for one in asked]
-    models = [[model for model in built if model is not None] for built, _ in found]
-    whole = [model for chosen in models for model in chosen]
+    builds = [build_models(request.sweep, request.indices) for request in asked]
+    models = [[model for model in built if model is not None] for built, _ in builds]
+    all_models = [model for chosen in models for model in chosen]
     look = asked[0].sweep.observation
-    starts = [_starts(one, built) for one, (built, _) in zip(asked, found, strict=True)]
+    starts = [_starts(request, built) for request, (built, _) in zip(asked, builds, strict=True)]
     length = (look.transient, look.cycles, look.points, look.exponents)
     batch, longest = None, MAX_PERIOD
-    before = np.repeat([one.cycle for one in asked], [len(chosen) for chosen in models])
-    if whole:
-        gears = [assemble(model, actives) for model in whole]
+    before = np.repeat([request.cycle for request in asked], [len(chosen) for chosen in models])
+    if all_models:
+        gears = [assemble(model, actives) for model in all_models]
         batch = run_batch(gears, np.concatenate(starts), *length, before=before)
+        batch = replace(batch, sections=batch.sections[..., : gears[0].layout.n_state])
         longest = MAX_PERIOD * max(effect_cycles(gear) for gear in gears)
     first = 0
-    for one, table, (built, reasons), chosen in zip(asked, tables, found, models, strict=True):
+    for request, table, (built, reasons), chosen in zip(
+        asked, tables, builds, models, strict=True
+    ):
         rows = [i for i, model in enumerate(built) if model is not None]
         if rows and batch is not None:
             mine = _slice(batch, first, first + len(rows))
             table["period"][rows] = find_periods(mine.sections, longest)
-            _fill(table, rows, one.sweep, chosen, mine)
+            _fill(table, rows, request.sweep, chosen, mine)
             for i, reason in zip(rows, mine.reasons, strict=True):
                 reasons[i] = reason
         table["reason"] = np.array(reasons, dtype=object)
@@ -139,13 +142,13 @@ def section_displacements(sweep: Sweep, models: Sequence[Model], sections: Array
     """Displacements (n, points) of the chosen mesh at phase 0 from states (n, points, n_state)."""
     layout = sweep.base.layout
     mesh = layout.meshes.index(sweep.observation.mesh)
-    rest = np.array([relative(m, np.zeros(layout.n_state), 0.0)[0][mesh] for m in models])
+    at_rest = np.array([relative(m, np.zeros(layout.n_state), 0.0)[0][mesh] for m in models])
     units = np.eye(layout.n_state)[: layout.n_coordinate]
-    row = np.round([relative(models[0], unit, 0.0)[0][mesh] - rest[0] for unit in units])
-    found: Array = np.repeat(rest[:, None], sections.shape[1], axis=1)
+    row = np.round([relative(models[0], unit, 0.0)[0][mesh] - at_rest[0] for unit in units])
+    displacements: Array = np.repeat(at_rest[:, None], sections.shape[1], axis=1)
     for k in np.flatnonzero(row):  # a matrix product would round differently by batch size
-        found += row[k] * sections[..., k]
-    return found
+        displacements += row[k] * sections[..., k]
+    return displacements
 
 
 def asymmetries(sections: Array) -> Array:
@@ -153,7 +156,7 @@ def asymmetries(sections: Array) -> Array:
     q, r = np.split(sections[..., : sections.shape[-1] // 2], [2], axis=-1)
     left, right = np.split(r, 2, axis=-1)
     parted = np.concatenate([q[..., :1] - q[..., 1:], left - right], axis=-1)
-    return np.array([np.sqrt(np.mean(one**2)) for one in parted])
+    return np.array([np.sqrt(np.mean(differences**2)) for differences in parted])
 
 
 def contact_loss(contact: Array) -> Array:
@@ -171,15 +174,13 @@ def contact_loss(contact: Array) -> Array:
 
 def _starts(request: ObservationRequest, built: Sequence[Model | None]) -> Array:
     """States (k, n_state) from which the k values begin whose model could be built."""
-    rows = [i for i, model in enumerate(built) if model is not None]
-    own = np.zeros((len(rows), request.sweep.n_state))
-    for i, row in enumerate(rows):
-        model = built[row]
-        if model is not None:
-            own[i, : model.layout.n_state] = initial_state(model)
+    chosen = {i: model for i, model in enumerate(built) if model is not None}
+    own = np.zeros((len(chosen), request.sweep.n_state))
+    for row, model in zip(own, chosen.values(), strict=True):
+        row[: model.layout.n_state] = initial_state(model)
     if request.starts is None:
         return own
-    given = request.starts[rows]
+    given = request.starts[list(chosen)]
     result: Array = np.where(np.isnan(given).any(axis=1, keepdims=True), own, given)
     return result
 
@@ -197,7 +198,7 @@ def _fill(
     table["exponent_error"][rows] = batch.exponent_errors
     table["within"][rows] = batch.within
     table["transverse"][rows] = batch.transverse
-    table["asymmetry"][rows] = asymmetries(batch.sections[..., : sweep.base.layout.n_state])
+    table["asymmetry"][rows] = asymmetries(batch.sections)
     table["contact_loss"][rows] = contact_loss(batch.contact)
     shares = np.mean(batch.contact.reshape(len(models), 2, -1, 3), axis=2)
     for i, kind in enumerate(("sun", "ring")):

@@ -38,12 +38,12 @@ def find_periods(
         max_period: largest period tried; each needs 5 repeats within the window.
         tolerance: largest RMS distance from the centres.
     """
-    found: Array = np.full(len(sections), np.nan)
+    periods: Array = np.full(len(sections), np.nan)
     largest = min(max_period, sections.shape[1] // MIN_REPEATS)
     if largest >= 1:
         aperiodic = 0.0 if largest >= LEAST_LARGEST else np.nan
-        _find(np.ascontiguousarray(sections), largest, tolerance, aperiodic, found)
-    return found
+        _find(np.ascontiguousarray(sections), largest, tolerance, aperiodic, periods)
+    return periods
 
 
 def _spread(points: Any, period: int) -> Any:

@@ -66,9 +66,9 @@ class Store:
     def read_part(self, part: int) -> Table | None:
         """Table of one part as it was written; None if it is missing or damaged."""
         try:
-            found = pq.read_table(self.path(part))
-            table = {name: _array(found.column(name)) for name in found.column_names}
-            sealed = (found.schema.metadata or {}).get(CHECKSUM) == checksum(table).encode()
+            stored = pq.read_table(self.path(part))
+            table = {name: _array(stored.column(name)) for name in stored.column_names}
+            sealed = (stored.schema.metadata or {}).get(CHECKSUM) == checksum(table).encode()
             mine = np.array_equal(table["index"], self.sweep.part(part))
         except (pa.ArrowException, OSError, KeyError, ValueError):
             return None
@@ -124,8 +124,8 @@ class Result:
         for index, reason in enumerate(self.reasons.flat):
             if reason:
                 kinds.setdefault(NUMBER.sub("#", str(reason)), []).append(index)
-        found = [self._failure(indices) for indices in kinds.values()]
-        return sorted(found, key=lambda one: -one.count)
+        failures = [self._failure(indices) for indices in kinds.values()]
+        return sorted(failures, key=lambda failure: -failure.count)
 
     def _failure(self, indices: list[int]) -> Failure:
         """Group the failed values at some flat indices, which share a reason."""
@@ -237,12 +237,12 @@ def load_result(store: Store) -> Result:
 
 def checksum(table: Table) -> str:
     """SHA-256 of the names, types, shapes and values of a table; all NaNs count as equal."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name, values in sorted(table.items()):
         content = _content(values)
-        found.update(f"{name} {values.dtype} {values.shape} {len(content)} ".encode())
-        found.update(content)
-    return found.hexdigest()
+        sha256.update(f"{name} {values.dtype} {values.shape} {len(content)} ".encode())
+        sha256.update(content)
+    return sha256.hexdigest()
 
 
 def _content(values: NDArray[Any]) -> bytes:

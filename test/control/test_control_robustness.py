@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from herringbone_sim.control.amplitude import run_survey
 from herringbone_sim.control.robustness import DIFFERENCES, start_shares, survival
-from herringbone_sim.control.runs import ALIKE, MotionRunner, RunSettings
+from herringbone_sim.control.runs import ALIKE, MotionRunner, Motions, RunSettings
 from herringbone_sim.control.starts import Starts
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
@@ -63,6 +65,20 @@ def test_a_controlled_motion_survives_small_differences_in_proportion(paper):
         assert (small.period, small.parted) == (1.0, 2)
         assert large.distance / small.distance == pytest.approx(10.0, rel=0.15)
         assert small.distance < ALIKE
+
+
+def test_a_motion_shorter_than_the_forcing_repeats_with_it(paper, monkeypatch):
+    """One of 9 mesh cycles repeats after the 27 of a tooth of the sun."""
+    runner = MotionRunner(actives=read_effects("tooth_crack@sp/all/L:depth=0.3"))
+
+    def run(sets, starts, settings):
+        number = np.zeros(len(sets))
+        names = [item.name for item in fields(Motions)]
+        return Motions(**{**dict.fromkeys(names, number), "period": number + 9.0, "end": starts})
+
+    monkeypatch.setattr(runner, "run", run)
+    found = survival(runner, paper, 1, RunSettings(), (0.01,), starts=1)
+    assert all((one.from_zero, one.from_running, one.parted) == (True, True, 1) for one in found)
 
 
 def test_chaos_survives_as_nothing_that_was_wanted(paper):

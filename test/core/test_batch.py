@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -134,9 +135,10 @@ def test_a_value_that_diverges_is_nan_with_its_reason_and_alone():
         assert np.array_equal(getattr(batch, name)[2], getattr(expected, name)[0])
 
 
-def test_a_value_diverges_where_the_stepper_says_so():
+@pytest.mark.parametrize("method", ["taylor", "rk4"])
+def test_a_value_diverges_where_the_stepper_says_so(method):
     """By its deflections, not by its velocities or by the sums that the coordinates are."""
-    model = paper(delta_T=85.0)
+    model = paper(delta_T=85.0, method=method)
     starts = np.random.default_rng(2).uniform(-2e6, 2e6, (200, 8))
     starts = starts[[np.abs(relative(model, y, 0.0)[0]).max() < LIMIT for y in starts]]
     batch = run_batch([model] * len(starts), starts, transient=0, cycles=1, points=1)
@@ -161,6 +163,27 @@ def test_continuation_from_the_end_is_one_long_run():
     second = run_batch(models, first.end, transient=0, cycles=10, points=10)
     whole = run_batch(models, transient=10, cycles=20, points=10)
     assert np.array_equal(second.sections, whole.sections)
+
+
+@pytest.mark.parametrize("cycles", [7, 25, 40])
+def test_the_error_of_an_even_growth_is_none_whatever_the_number_of_cycles(cycles):
+    """Batches of cycles may differ by one cycle in length."""
+
+    class Even:
+        @staticmethod
+        def run_batch(models, starts, before, look, tangents):
+            return SimpleNamespace(
+                sections=np.zeros((1, 0, 8)),
+                end=starts,
+                growth=np.full((1, cycles, tangents), 0.3),
+                contact=np.ones((1, 4, 3)),
+                failed=np.array([False]),
+            )
+
+    model = replace(paper(), integrator=Even)
+    found = run_batch([model], transient=0, cycles=cycles, points=0, exponents=True)
+    assert found.exponents[0] == pytest.approx(0.3 * model.packed.Omega / (2.0 * np.pi))
+    assert found.exponent_errors[0] < 1e-12
 
 
 @pytest.mark.parametrize(

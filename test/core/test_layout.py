@@ -63,6 +63,17 @@ def test_meaning_names_the_mesh():
     assert describe("F_sp2_R")["meaning"] == "normal mesh force k f(x) + c v of mesh sp2_R"
 
 
+def test_sensors_that_no_run_of_the_node_records_are_described_too():
+    assert describe("F_pin2") == {
+        "name": "F_pin2",
+        "unit": "N",
+        "meaning": "sum of the normal mesh forces of both halves of planet 2",
+    }
+    assert describe("a_s_L")["meaning"] == "angular acceleration times base radius of body s_L"
+    for name in (*FULL.channels_of("a"), *REDUCED.channels_of("pin")):
+        assert describe(name)["unit"] == unit_of(name)
+
+
 def test_a_foreign_name_has_no_unit():
     with pytest.raises(KeyError):
         unit_of("temperature_1")

@@ -8,6 +8,7 @@ from gears import LINEAR, after, samples
 
 from herringbone_sim.core.integrate import Stepper, largest_exponent
 from herringbone_sim.core.model import jacobian
+from herringbone_sim.errors import ParameterError
 
 
 @pytest.mark.parametrize("kind", ["reduced", "uneven"])
@@ -52,6 +53,21 @@ def test_exponent_is_positive_in_chaos(gear):
     exponent, error = largest_exponent(gear(delta_T=20.0), cycles=1000)
     assert exponent > 0.04
     assert 0.0 < error < 0.01
+
+
+@pytest.mark.parametrize("cycles", [2, 5, 25])
+def test_exponent_is_the_growth_over_the_cycles_that_were_asked_for(gear, cycles):
+    model = gear(delta_T=20.0)
+    stepper = Stepper(model)
+    begin = stepper.advance(stepper.start(tangents=1), 10 * 16).end
+    end = stepper.advance(begin, cycles * 16).end
+    growth = (end.growth[0] - begin.growth[0]) / (cycles * 2.0 * np.pi / model.packed.Omega)
+    assert largest_exponent(model, cycles, 10)[0] == pytest.approx(growth, rel=1e-12)
+
+
+def test_one_cycle_gives_no_standard_error(gear):
+    with pytest.raises(ParameterError, match="at least 2 mesh cycles, got 1"):
+        largest_exponent(gear(), 1)
 
 
 @pytest.mark.parametrize("delta_T", [85.0, 90.0])

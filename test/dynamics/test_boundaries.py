@@ -16,13 +16,14 @@ from orbit_support import (
     repelling,
 )
 
+from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.boundaries import find_boundaries
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.continuation import StepControl
 from herringbone_sim.dynamics.curve import Family
-from herringbone_sim.dynamics.flow import GearFlow, mirror, settle
+from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.dynamics.gear_family import gear_family
 from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate
 from herringbone_sim.dynamics.turning import border_passes, turning_points
@@ -178,7 +179,7 @@ def test_the_flip_of_the_gear_is_where_its_simulated_period_doubles(paper):
     p = paper.changed({"delta_T": 50.0})
     family, watch = gear_family(p, "xi", 0.155, 0.175)
     flow = family.flow_at(0.17)
-    orbit = find_orbit(flow, settle(flow, flow.start(), 500), mirror=mirror(p.layout))
+    orbit = find_orbit(flow, settle(flow, flow.start(), 500), mirror=layout_mirror(p.layout))
     found = trace_cascade(family, [(0.17, orbit.points)], watch, CascadeOptions(2))
     flip = next(b for one in found for b in one.boundaries if b.kind == "flip")
     assert [one.period for one in found] == [1, 2]

@@ -9,7 +9,8 @@ from orbit_support import SWAP, LinearOscillator, coupled, henon, logistic
 from scipy.linalg import expm
 
 from herringbone_sim.core.integrate import largest_exponent
-from herringbone_sim.dynamics.flow import GearFlow, mirror, settle
+from herringbone_sim.core.mirror import layout_mirror
+from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.dynamics.orbits import (
     closest_return,
     find_orbit,
@@ -90,7 +91,7 @@ def test_where_there_is_no_orbit_a_reason_is_given():
 def test_sides_part_at_the_rate_of_the_transverse_multiplier():
     """P3 at 64 K is stable for all that keep left and right alike, yet no halves stay alike."""
     flow = GearFlow(make(**PAPER | {"delta_T": 64.0}))
-    sides = mirror(flow.model.layout)
+    sides = layout_mirror(flow.model.layout)
     orbit = find_orbit(
         flow, closest_return(flow, settle(flow, flow.start(), 500), 3, 60), 3, sides
     )
@@ -107,10 +108,10 @@ def stable():
     """The gear of the paper at 85 K: the motion that simulation reaches, and its orbit."""
     flow = GearFlow(make(**PAPER | {"delta_T": 85.0}))
     y = settle(flow, flow.start(), 600)
-    start = y + 1e-2 * symmetry_bases(mirror(flow.model.layout))[0] @ np.array(
+    start = y + 1e-2 * symmetry_bases(layout_mirror(flow.model.layout))[0] @ np.array(
         [1.0, -1.0, 1.0, 1.0]
     )
-    return flow, y, find_orbit(flow, start, mirror=mirror(flow.model.layout))
+    return flow, y, find_orbit(flow, start, mirror=layout_mirror(flow.model.layout))
 
 
 def test_the_stable_orbit_is_the_one_that_simulation_reaches(stable):
@@ -123,7 +124,7 @@ def test_the_stable_orbit_is_the_one_that_simulation_reaches(stable):
 
 def test_the_largest_multiplier_is_the_largest_exponent(stable):
     flow, _, orbit = stable
-    split = multipliers(orbit, mirror(flow.model.layout))
+    split = multipliers(orbit, layout_mirror(flow.model.layout))
     assert len(split.within) == len(split.transverse) == 4
     exponent, error = largest_exponent(flow.model, cycles=400, transient=400)
     largest = np.log(np.abs(split.all[0])) / flow.period
@@ -134,7 +135,7 @@ def test_the_largest_multiplier_is_the_largest_exponent(stable):
 def test_the_product_of_the_multipliers_is_the_mean_divergence(stable):
     """The damping is constant, contact or none: det M = exp(trace(A) period) (Liouville)."""
     flow, _, orbit = stable
-    with_contact = np.prod(multipliers(orbit, mirror(flow.model.layout)).all).real
+    with_contact = np.prod(multipliers(orbit, layout_mirror(flow.model.layout)).all).real
     free = GearFlow(make(**PAPER | {"delta_T": 0.0, "b": 10.0, "e_m": 0.0, "T_1": 0.0}))
     _, tangents = free.advance(np.zeros(8), np.eye(8))
     assert with_contact == pytest.approx(np.linalg.det(tangents), rel=1e-6)

@@ -6,13 +6,14 @@ import importlib.util
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_paper import PAPER
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.paper.boundaries import bisect, locate
+from herringbone_sim.paper.boundaries import MOVES, bisect, locate
 from herringbone_sim.paper.checks import Evidence, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import (
@@ -24,6 +25,7 @@ from herringbone_sim.paper.regimes import (
     share,
     stretches,
 )
+from herringbone_sim.paper.reproduction import bisected_runs
 from herringbone_sim.paper.scenarios import CHAOS, SCENARIOS, scenario
 from herringbone_sim.paper.staircase import Reading, continuations, request, sweep
 from herringbone_sim.paper.statements import (
@@ -236,6 +238,29 @@ def test_period_doubling_is_bisected_to_a_small_part_of_the_step(reading):
     assert found.note == "bisected"
     flip = 0.16244  # multiplier -1 of the P1 orbit itself, docs/boundaries.md
     assert found.at == pytest.approx(flip, abs=2e-4)
+
+
+def test_no_bisection_takes_more_runs_than_the_bar_counts(reading, monkeypatch):
+    """One whose interval is moved as often as it may be."""
+    one = scenario("B")
+    (wanted,) = [s for s in statements("B") if isinstance(s, BoundaryAt) and s.after == 1]
+    asked = []
+
+    def batch(runs):
+        asked.append(len(runs.sets))
+        return asked
+
+    def motions(asked, tolerance):
+        moved = len(asked) < MOVES
+        return np.array([wanted.before, wanted.before if moved else wanted.after, *[0] * 13])[
+            : asked[-1]
+        ]
+
+    monkeypatch.setattr("herringbone_sim.paper.boundaries.motions_of", motions)
+    runner = SimpleNamespace(batch=batch)
+    coarse = Sweep(one.values(17)[-4:], np.array([2, 2, 1, 1]), np.zeros((4, 1)), np.zeros((4, 4)))
+    assert bisect(runner, one, reading, coarse, wanted).note == "bisected"
+    assert sum(asked) * (len(one.windows) - 1) == bisected_runs(one)
 
 
 def test_an_edge_that_is_not_clean_is_not_bisected(reading):

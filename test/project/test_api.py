@@ -91,6 +91,12 @@ def test_a_diagram_has_the_periods_of_the_sweep_and_keeps_them_where_asked(tmp_p
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
 
 
+def test_a_diagram_takes_a_parameter_that_is_a_list_beside_the_swept_one():
+    found = hb.bifurcation(PAPER, delta_T=[85.0, 90.0], k_factor=(1.0, 1.0, 0.99, 0.99))
+    assert found.values.tolist() == [85.0, 90.0]
+    assert found.diagram.axis.name == "delta_T"
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -98,6 +104,7 @@ def test_a_diagram_has_the_periods_of_the_sweep_and_keeps_them_where_asked(tmp_p
         ({"delta_T": [10.0, 20.0], "xi": [0.1, 0.2]}, "goes over one parameter"),
         ({"delta_T": [10.0, 20.0], "start": "sideways"}, "start must be of"),
         ({"delta_T": [20.0, 10.0]}, "must be finite and increase"),
+        ({"k_factor": (1.0, 1.0, 1.0, 1.0)}, "over one parameter that is a number"),
     ],
 )
 def test_a_diagram_that_cannot_be_is_refused(given, message):

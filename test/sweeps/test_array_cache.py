@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from threading import Barrier
 
 import numpy as np
@@ -100,6 +101,14 @@ def test_another_kernel_has_other_names(monkeypatch):
     before = digest(["a"])
     monkeypatch.setattr(array_cache, "_sources", lambda: ("another",))
     assert digest(["a"]) != before
+
+
+def test_what_decides_what_is_stored_is_among_the_sources():
+    """``effect_cycles`` how long a run is, ``control.runs`` what is kept of it."""
+    package = Path(array_cache.__file__).parents[1]
+    array_cache._sources.cache_clear()
+    for room in ("core", "effects", "dynamics", "control", "paper"):
+        assert cache.digest(package / room) in array_cache._sources()
 
 
 def test_sources_count_by_name_and_content_alone(tmp_path):

@@ -270,10 +270,10 @@ def _fill(row: Array, model: Model, sides: int) -> None:
     row[CONTROL_ORDER], row[CONTROL_PHASE] = p.control_order, p.control_phase
     row[OMEGA], row[STEP] = p.Omega, 2 * np.pi / (p.Omega * model.parameters.steps)
     for j, order in enumerate(p.orders):
-        one = row[HARMONICS + ROWS_A_HARMONIC * j :]
-        one[ORDER] = order
-        one[K_COS], one[K_SIN] = p.k_cos[j, meshes], p.k_sin[j, meshes]
-        one[E_COS], one[E_SIN] = p.e_cos[j, meshes], p.e_sin[j, meshes]
+        harmonic = row[HARMONICS + ROWS_A_HARMONIC * j :]
+        harmonic[ORDER] = order
+        harmonic[K_COS], harmonic[K_SIN] = p.k_cos[j, meshes], p.k_sin[j, meshes]
+        harmonic[E_COS], harmonic[E_SIN] = p.e_cos[j, meshes], p.e_sin[j, meshes]
 
 
 def _meshes(model: Model, sides: int) -> Indices:
@@ -284,22 +284,22 @@ def _meshes(model: Model, sides: int) -> Indices:
 
 def _fill_loads(rows: Array, model: Model, sides: int) -> None:
     p, c = model.packed, model.layout.n_classes
-    m, own = model.layout.n_coordinate, chosen_own(model, sides)
-    chosen = np.concatenate([np.arange(sides), 2 + np.arange(sides * c), m + own])
+    m, added = model.layout.n_coordinate, chosen_own(model, sides)
+    chosen = np.concatenate([np.arange(sides), 2 + np.arange(sides * c), m + added])
     for j, order in enumerate(p.load_orders):
-        one = rows[ROWS_A_LOAD * j :]
-        one[LOAD_ORDER] = order
-        one[LOAD_COS, : len(chosen)] = p.load_cos[j, chosen]
-        one[LOAD_SIN, : len(chosen)] = p.load_sin[j, chosen]
+        harmonic = rows[ROWS_A_LOAD * j :]
+        harmonic[LOAD_ORDER] = order
+        harmonic[LOAD_COS, : len(chosen)] = p.load_cos[j, chosen]
+        harmonic[LOAD_SIN, : len(chosen)] = p.load_sin[j, chosen]
 
 
 def _fill_windows(rows: Array, model: Model, sides: int) -> None:
     rows[PERIOD::ROWS_A_WINDOW] = NEVER
     p, meshes = model.packed, _meshes(model, sides)
     for j, window in enumerate(p.windows):
-        one = rows[ROWS_A_WINDOW * j :]
-        one[PERIOD], one[POSITION], one[WIDTH] = window
-        one[WINDOW_K], one[WINDOW_D] = p.window_k[j, meshes], p.window_d[j, meshes]
+        window_rows = rows[ROWS_A_WINDOW * j :]
+        window_rows[PERIOD], window_rows[POSITION], window_rows[WIDTH] = window
+        window_rows[WINDOW_K], window_rows[WINDOW_D] = p.window_k[j, meshes], p.window_d[j, meshes]
 
 
 def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
@@ -340,12 +340,12 @@ def own_mirror(model: Model) -> Indices:
     """
     p, c = model.packed, model.layout.n_classes
     mirrored = p.own_shift.reshape(-1, 2, 2, c)[:, :, ::-1].reshape(-1, 4 * c)
-    found = np.arange(len(p.seat))
-    for j in found:
+    images = np.arange(len(p.seat))
+    for j in images:
         same = (p.own_shift == mirrored[j]).all(axis=1) & (p.seat == p.seat[j]).all(axis=1)
         if same.any():
-            found[j] = np.flatnonzero(same)[0]
-    return found
+            images[j] = np.flatnonzero(same)[0]
+    return images
 
 
 def chosen_own(model: Model, sides: int) -> Indices:

@@ -211,10 +211,10 @@ def end_cycle(w, lane, cycle, before, length, results, value):
             growth[batches, t] = 0.0
     if seen == 0:
         forget(w, lane)
-    kept = cycles - sections.shape[0]
-    if kept <= seen < cycles:
+    first_stored = cycles - sections.shape[0]
+    if first_stored <= seen < cycles:
         for j in range(sections.shape[1]):
-            sections[seen - kept, j] = get(w.y, 0, j, lane)
+            sections[seen - first_stored, j] = get(w.y, 0, j, lane)
     if seen == cycles:
         for m in range(contact.shape[0]):
             contact[m, 0] = get(w.mesh, BACK, m, lane)

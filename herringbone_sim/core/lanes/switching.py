@@ -103,10 +103,10 @@ def watch_mesh(w, m):
     start, first = load(w.x, 0, m), load(w.x, 1, m)
     end = end + start
     b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
-    zero, one = 0.0, 1.0
+    zero, unit = 0.0, 1.0
     is_open = contact == zero
     up = is_open & (end > zero)
-    sign = choose(is_open, choose(up, zero - one, one), contact)
+    sign = choose(is_open, choose(up, zero - unit, unit), contact)
     border = choose(is_open, b, zero - b)
     begin, stop = fma(sign, start, border), fma(sign, end, border)
     plain = (begin > zero) & (stop < zero)

@@ -217,12 +217,6 @@ def root(typing: Any, a: Any) -> Any:
 
 
 @intrinsic
-def power(typing: Any, a: Any, b: Any) -> Any:
-    """Return a to the power of b; lanes are computed one after another."""
-    return _function("pow", (a, b))
-
-
-@intrinsic
 def nearest(typing: Any, a: Any) -> Any:
     """Return the nearest whole numbers, of two equally near the even one."""
     return _function("rint", (a,))
