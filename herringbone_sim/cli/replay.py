@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from dataclasses import dataclass, fields
 from typing import Annotated
@@ -93,9 +94,11 @@ def _verify(recording: Recording) -> int:
     if verdict.identical:
         print(f"{recording.name}: identical to the bit ({about})")
         return 0
+    by = f"by {verdict.largest_difference:.3g} at most"
+    if math.isinf(verdict.largest_difference):
+        by = "as the repetition diverges before the end of the recording"
     print(
-        f"{recording.name}: differs from sample {verdict.first_difference} on, by "
-        f"{verdict.largest_difference:.3g} at most ({about}); recorded by version "
-        f"{recording.channels.version or 'unknown'}"
+        f"{recording.name}: differs from sample {verdict.first_difference} on, {by} ({about}); "
+        f"recorded by version {recording.channels.version or 'unknown'}"
     )
     return 1

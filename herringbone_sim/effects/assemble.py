@@ -29,15 +29,19 @@ def in_slots(actives: Sequence[Active]) -> bool:
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
     """Return the model with the given effects instead of its present ones.
 
-    Sensor effects are left out. If slots cannot represent an effect, the gear is integrated by the
+    Sensor effects are left out. If slots cannot represent an effect, or two that bend the spring
+    force or damping of one mesh, the gear is integrated by the
     laws of all effects, see ``by_laws``; slots then only give its period and the edges of events.
 
     Raises:
-        ParameterError: a locus that the gear lacks, a mesh without the effect's member, or two
-            effects that bend the spring force, or the damping, of one mesh.
+        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     chosen = acting(actives)
-    return _in_slots(model, chosen) if in_slots(chosen) else by_laws(model, chosen)
+    if in_slots(chosen):
+        in_core, bent_twice = _in_slots(model, chosen)
+        if not bent_twice:
+            return in_core
+    return by_laws(model, chosen)
 
 
 def by_laws(model: Model, actives: Sequence[Active]) -> Model:
@@ -47,7 +51,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     ParameterError as ``assemble``.
     """
     chosen = acting(actives)
-    filled = _in_slots(model, [active for active in chosen if active.effect.fill is not None])
+    filled, _ = _in_slots(model, [active for active in chosen if active.effect.fill is not None])
     sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
     return replace(
         filled,
@@ -57,21 +61,22 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     )
 
 
-def _in_slots(model: Model, chosen: Sequence[Active]) -> Model:
-    """Return the model with effects written into its slots, to be integrated by the core."""
+def _in_slots(model: Model, chosen: Sequence[Active]) -> tuple[Model, bool]:
+    """Return the model with effects in its slots, for the core, and ``Slots.bent_twice``."""
     slots, sizes = Slots(model), []
     for active in chosen:
         before = slots.n_own
         if active.effect.fill is not None:
             active.effect.fill(slots, active.theta, active.locus.mask(model.layout), active.chosen)
         sizes.append(2 * (slots.n_own - before))
-    return replace(
+    filled = replace(
         model,
         packed=slots.packed() if chosen else model.bare,
         effects=tuple(chosen),
         own=tuple(zip(_state_keys(chosen), sizes, strict=True)),
         integrator=None,
     )
+    return filled, slots.bent_twice
 
 
 def _state_keys(actives: Sequence[Active]) -> list[Hashable]:

@@ -137,10 +137,13 @@ class Effect:
         excite, react, drive: compiled laws, see ``effects.law``.
         last: whether ``excite`` acts after that of all other effects, in whatever order they are
             listed, as a loss of the whole stiffness does.
+        divisible: whether a part of the places in ``loci`` can be chosen; False if the laws act
+            on the gear as a whole.
         lanes: whether the laws use the functions of ``core.lanes.vector``, by which they run in
             lanes too, see docs/effects.md.
         states: (model) -> number of state variables that the effect adds.
-        distort: (theta, series, channels) -> changed series; sensor effects only.
+        distort: (theta, series of one sample or more, channels) -> changed series; sensor effects
+            only.
         reach: (theta) -> time [s] before and after a sample on which its changed value depends.
         needs_recording: (channels) -> whether that time grows along a run without bound, so that
             the effect applies to whole recordings only, not to a stream.
@@ -161,6 +164,7 @@ class Effect:
     react: Any = no_react
     drive: Any = no_drive
     last: bool = False
+    divisible: bool = True
     lanes: bool = False
     states: Callable[[Model], int] = field(default=lambda model: 0)
     distort: Distort | None = None
@@ -260,12 +264,9 @@ def active(
 def _check_locus(effect: Effect, locus: Locus) -> None:
     """Raise ParameterError for a locus without the meshes of an effect.
 
-    A name in a pattern of ``loci``, such as ``rp``, excludes other names. A body effect that has
-    ``all`` alone does not act on meshes, and no part of them can be chosen.
+    A name in a pattern of ``loci``, such as ``rp``, excludes other names.
     """
     parts = (str(locus.mesh), str(locus.planet), str(locus.side))
-    everywhere = ("all", "all", "all")
-    indivisible = effect.level == "body" and effect.loci == (everywhere,)
     fits = [
         all(
             allowed in ("all", "*", part) or part == "all"
@@ -273,7 +274,7 @@ def _check_locus(effect: Effect, locus: Locus) -> None:
         )
         for pattern in effect.loci
     ]
-    if not any(fits) or (indivisible and parts != everywhere):
+    if not any(fits) or not (effect.divisible or parts in effect.loci):
         raise ParameterError(
             f"{effect.id} acts at {' or '.join('/'.join(pattern) for pattern in effect.loci)}"
             f", got {shown('/'.join(parts))}: choose such a place (*: any name), or leave it out"

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.core.packed import Packed
-from herringbone_sim.errors import ParameterError, listed
 
 
 class Slots:
@@ -33,6 +31,8 @@ class Slots:
         damping: (n,) c [N s/m].
         half_backlash: (n,) b [m].
         displacement: (n,) mean of d [m].
+        bent_twice: whether a second effect bends the spring force or the damping of a mesh; slots
+            hold the last.
     """
 
     def __init__(self, model: Model) -> None:
@@ -51,6 +51,7 @@ class Slots:
         self._torques: dict[float, Array] = {}
         self._own_loads: dict[float, Array] = {}
         self._law = p.law.copy()
+        self.bent_twice = False
         self._slide = np.zeros((2, n, len(model.layout.bodies)))
         self._own: list[Coordinates] = []
         self._windows: list[tuple[tuple[float, float, float], Array, Array]] = []
@@ -104,32 +105,21 @@ class Slots:
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
         """Set the spring force of masked meshes to k f (|f| / reference)^(exponent - 1).
 
-        The reference is in m. ParameterError for a mesh whose spring force is bent already.
+        The reference is in m. Slots hold one such law a mesh, see ``bent_twice``.
         """
-        here = mask > 0.0
-        self._check_straight(here & (self._law[1] != 1.0), "spring force")
+        here = (mask > 0.0) & (exponent != 1.0)
+        self.bent_twice |= bool((here & (self._law[1] != 1.0)).any())
         self._law[0, here], self._law[1, here] = reference / self.model.scales.b_c, exponent
 
     def bend_damping(self, mask: Array, share: float, power: float, depth: float) -> None:
         """Set the damping of masked meshes to c v [1 - share + share (|f| / depth)^power].
 
-        The depth is in m. ParameterError for a mesh whose damping is bent already.
+        The depth is in m. Slots hold one such law a mesh, see ``bent_twice``.
         """
-        here = mask > 0.0
-        self._check_straight(here & (self._law[2] != 0.0), "damping")
+        here = (mask > 0.0) & (share != 0.0)
+        self.bent_twice |= bool((here & (self._law[2] != 0.0)).any())
         self._law[2, here], self._law[3, here] = share, power
         self._law[4, here] = depth / self.model.scales.b_c
-
-    def _check_straight(self, bent: NDArray[np.bool_], what: str) -> None:
-        """Raise ParameterError, which names the meshes (n,) that are bent, if there are any."""
-        if bent.any():
-            meshes = [
-                m for m, is_bent in zip(self.model.layout.meshes, bent, strict=True) if is_bent
-            ]
-            raise ParameterError(
-                f"one effect alone may bend the {what} of a mesh, got a further one at "
-                f"{listed(meshes)}: give each meshes of its own, or leave one out"
-            )
 
     def add_friction(self, constant: Array, lever: Array) -> None:
         """Add the torques of friction on the flanks.

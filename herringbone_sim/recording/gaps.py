@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from herringbone_sim.arrays import Array
 
@@ -31,9 +31,9 @@ class Gap:
 def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
     """Find gaps: steps of ``counter`` above 1.5 times the usual step.
 
-    The usual step is the longer one of both neighbours, or the median of five steps if that is
-    shorter, so that gaps with a single sample between them are found too. A lasting change of the
-    step (other samples per cycle, other speed) is not a gap.
+    The usual step is the longer one of both neighbours; where no more than three of nine steps are
+    wide, their median if that is shorter, so that gaps with single samples between them are found
+    too. A lasting change of the step (other samples per cycle, other speed) is not a gap.
 
     Args:
         times: (n,) times [s].
@@ -45,9 +45,12 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
             return ()
         before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
         finite = np.isfinite(steps)
-        usual = np.full(len(steps), np.nan)
-        usual[finite] = median_filter(steps[finite], 5, mode="reflect")
-        usual = np.fmin(usual, np.maximum(before, after))
+        median = np.full(len(steps), np.nan)
+        median[finite] = median_filter(steps[finite], 9, mode="reflect")
+        wide = steps > 1.5 * median
+        rare = wide & (uniform_filter1d(wide.astype(float), 9, mode="reflect") < 3.5 / 9.0)
+        usual = np.maximum(before, after)
+        usual = np.where(rare, np.fmin(usual, median), usual)
         wide = np.flatnonzero((usual > 0) & finite & (steps > 1.5 * usual))
         ratios = np.minimum(steps[wide] / usual[wide], MOST_MISSING)
     return tuple(

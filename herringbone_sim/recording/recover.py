@@ -174,7 +174,12 @@ def _recover_elsewhere(
 def _new_names(
     surveys: Sequence[Survey], missing: Sequence[str], run: str
 ) -> tuple[list[str], list[str]]:
-    """Return names that the files and the missing files get in a run of another name."""
+    """Return names that the files and the missing files get in a run of another name.
+
+    Files are numbered in reading order; where some are missing, in the order of their numbers.
+    """
+    if not missing:
+        return [f"{run}_{number}.mcap" for number in range(len(surveys))], []
     present = [file_survey.file.name for file_survey in surveys]
     places = {old: place for place, old in enumerate(sorted([*present, *missing], key=natural))}
     names, lost = ([f"{run}_{places[old]}.mcap" for old in part] for part in (present, missing))

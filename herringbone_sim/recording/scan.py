@@ -270,7 +270,7 @@ class Scan:
     def notes(self) -> list[str]:
         """A sentence on each irregularity, except on the end of the file, see ``end_notes``."""
         more = self.damaged - MOST_NOTES
-        notes = self._notes + ([f"{more} more records are damaged and left out"] * (more > 0))
+        notes = self._notes + ([f"{more} more records are left out"] * (more > 0))
         if self._counted is not None and self._counted != self._n_messages:
             notes.append(
                 f"{self.path.name} says that it holds {self._counted} messages, "

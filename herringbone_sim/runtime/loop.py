@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from herringbone_sim.core.cache import on_compiling
@@ -44,11 +44,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A submitted change: the stepper to continue with, its effects, and the changed values."""
+    """A submitted change: the stepper to continue with, its effects, and the changed values.
+
+    ``given``: whether the effects were submitted with it, not taken from the change before.
+    """
 
     machine: Stepper
     actives: tuple[Active, ...]
     values: Mapping[str, Any]
+    given: bool
 
 
 class Loop:
@@ -90,6 +94,10 @@ class Loop:
         self._step: Step | None = None
         self._pending: list[_Wanted] = []
         self._last = tuple(actives)
+        self._failed: tuple[tuple[Active, ...], tuple[Active, ...]] = (
+            (),
+            (),
+        )  # and those in force
         self._preparing = 0
         self._preparer = ThreadPoolExecutor(1, "effects")
         self._calls: deque[Callable[[], None]] = deque()
@@ -146,7 +154,7 @@ class Loop:
         """End the thread after its last block; wait for it unless the kernel is being compiled."""
         self._stop.set()
         with self._lock:
-            self._preparer.shutdown(wait=False)
+            self._preparer.shutdown(wait=False, cancel_futures=True)
             self._lock.notify_all()
         compiling = self._thread.is_alive() and not self._ready
         if self._thread.is_alive() and not compiling:
@@ -172,10 +180,11 @@ class Loop:
         with self._lock:
             if self._stop.is_set():
                 return
-            self._last = chosen = self._last if actives is None else tuple(actives)
+            chosen = self._last if actives is None else tuple(actives)
             machine = stepper(model, chosen)
             Sensors(machine, chosen)
-            wanted = _Wanted(machine, chosen, values)
+            self._last = chosen
+            wanted = _Wanted(machine, chosen, values, actives is not None)
             others = self._ready or not machine.alike(self._stepper)
             later = self._preparing or (others and not machine.is_compiled)
             if later:
@@ -187,11 +196,17 @@ class Loop:
 
     def _prepare(self, wanted: _Wanted) -> None:
         try:
+            failed, in_force = self._failed
+            if failed and wanted.actives is failed and not wanted.given:
+                machine = stepper(wanted.machine.model, in_force)
+                wanted = replace(wanted, machine=machine, actives=in_force)
             self._load(wanted.machine)
         except Exception as error:
             with self._lock:
+                in_force = self._pending[-1].actives if self._pending else self._actives
+                self._failed = wanted.actives, in_force
                 if self._last is wanted.actives:
-                    self._last = self._pending[-1].actives if self._pending else self._actives
+                    self._last = in_force
             self._fail(f"the effects can't be compiled: {type(error).__name__}: {error}")
             raise
         else:

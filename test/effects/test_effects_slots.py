@@ -22,9 +22,9 @@ from herringbone_sim.core.right_hand_side import rk4_step
 from herringbone_sim.dynamics.flow import GearFlow, settle
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.gear import pointers_allowed
+from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.written import read_effects
-from herringbone_sim.errors import ParameterError
 
 PERIODIC = {"xi": 0.07, "delta_T": 90.0}  # an orbit that loses contact in every mesh cycle
 
@@ -96,17 +96,20 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "neutral"),
     [
-        ("contact_nonlinearity; contact_nonlinearity@sp:exponent=1.2", "spring force of a mesh"),
-        ("damping_law; damping_law@sp:power=1", "damping of a mesh"),
+        ("contact_nonlinearity; contact_nonlinearity@sp:exponent=1.2", "exponent=1.0"),
+        ("damping_law; damping_law@sp:power=1", "share=0.0"),
     ],
 )
-def test_a_law_that_is_bent_twice_on_a_mesh_is_refused(text: str, told: str) -> None:
-    """By their laws two exponents add up, which no slot holds."""
-    with pytest.raises(ParameterError, match=f"{told}, got a further one at sp_L, sp_R"):
-        gear(text)
-    gear(text.replace(";", "@rp;"))
+def test_a_law_that_is_bent_twice_on_a_mesh_runs_by_laws(text: str, neutral: str) -> None:
+    """By their laws two add up, which no slot holds; a neutral one bends nothing."""
+    assert gear(text).integrator is LawStepper
+    assert gear(text.replace(";", "@rp;")).integrator is None
+    bends, also_bends = text.split("; ")
+    bends_nothing = f"{also_bends.partition(':')[0]}:{neutral}"
+    assert gear(f"{bends}; {bends_nothing}").integrator is None
+    assert gear(f"{bends_nothing}; {bends}").integrator is None
 
 
 @pytest.mark.parametrize("text", TEXTS)

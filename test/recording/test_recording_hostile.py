@@ -76,7 +76,7 @@ def test_many_chunks_of_the_largest_size_end_somewhere(tmp_path, verbs):
     attempt = verbs(["info", file])
     assert (attempt.code, attempt.traceback) == (0, "")
     assert attempt.peak_bytes < 1 << 30
-    assert "49 more records are damaged" in attempt.text
+    assert "49 more records are left out" in attempt.text
 
 
 def test_samples_that_unpack_to_more_than_any_run_are_refused(tmp_path, verbs):

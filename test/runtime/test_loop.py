@@ -137,7 +137,7 @@ def test_a_kernel_that_fails_to_compile_is_compiled_no_more(
 def test_effects_that_fail_to_compile_are_dropped(
     model: Model, runs: list[Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A change after them acts with the effects in force, and does not compile them again."""
+    """A change behind or after them acts with the effects in force; they compile once."""
     run = Run(model)
     runs.append(run)
     run.loop.start()
@@ -151,12 +151,27 @@ def test_effects_that_fail_to_compile_are_dropped(
     monkeypatch.setattr(loop, "warm_up", fail_once)
     monkeypatch.setattr(Stepper, "is_compiled", property(lambda _: False))
     run.loop.submit(model, {"effects": CRACK}, read_effects(CRACK))
+    behind = {"K": 0.1}
+    run.loop.submit(build(model.parameters.changed(behind)), behind)
     wait_until(lambda: run.faults and not run.loop._preparing)
+    wait_until(lambda: run.loop.model.parameters.K == 0.1)
     values = {"K": 0.2}
     run.loop.submit(build(model.parameters.changed(values)), values)
     wait_until(lambda: run.loop.model.parameters.K == 0.2)
+    assert len(run.faults) == 1
     assert "no memory" in run.faults[0]
     assert run.loop.actives == ()
+
+
+def test_effects_that_the_gear_cannot_have_change_nothing(model: Model, runs: list[Run]) -> None:
+    run = Run(model)
+    runs.append(run)
+    run.loop.start()
+    with pytest.raises(ParameterError, match="planet"):
+        run.loop.submit(model, {}, read_effects("tooth_crack@sp/7/L"))
+    values = {"K": 0.2}
+    run.loop.submit(build(model.parameters.changed(values)), values)
+    wait_until(lambda: run.loop.model.parameters.K == 0.2)
 
 
 def test_a_change_after_the_end_is_ignored(

@@ -53,6 +53,7 @@ EFFECT = Effect(
     id="torque_ripple",
     text="input torque not constant",
     level="body",
+    divisible=False,
     parameters=(
         Parameter("amplitude", "-", "share of T_1", 0.0, 2.0, 0.1),
         Parameter("phase", "rad", "at phase 0", -3.1416, 3.1416, 0.0, neutral=None),

@@ -175,8 +175,8 @@ def end_process(process: subprocess.Popen[bytes], timeout_s: float) -> None:
     """End a server by closing its input, a viewer by a signal; kill it if it takes too long."""
     if process.stdin:
         process.stdin.close()
-    else:
-        process.terminate()
+    elif process.poll() is None:
+        os.killpg(process.pid, signal.SIGTERM)  # with what a script has started
     try:
         process.wait(timeout_s)
     except subprocess.TimeoutExpired:

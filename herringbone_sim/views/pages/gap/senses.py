@@ -147,8 +147,9 @@ def verify_page(result: Repetition) -> str:
     earlier, gap = result.earlier, result.senses.residual
     effects = "; and ".join(words.effect_words(effect) for effect in earlier.effects)
     closes = [f"{percent(min(gap.closed(role=None), 1.0))} of the gap closes here"]
-    if "residual" in earlier.numbers and math.isfinite(earlier.numbers["residual"].closure):
-        before = percent(min(earlier.numbers["residual"].closure, 1.0))
+    reported = earlier.numbers.get("residual")
+    if reported and reported.metric == gap.metric and math.isfinite(reported.closure):
+        before = percent(min(reported.closure, 1.0))
         closes.append(f"{before} in the report")
     title = words.capital(effects or earlier.verdict)
     numbers = {name: gap.numbers(None) for name, gap in result.senses.gaps.items()}
