@@ -47,8 +47,8 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
         finite = np.isfinite(steps)
         median = np.full(len(steps), np.nan)
         median[finite] = median_filter(steps[finite], 9, mode="reflect")
-        wide = steps > 1.5 * median
-        rare = wide & (uniform_filter1d(wide.astype(float), 9, mode="reflect") < 3.5 / 9.0)
+        above = steps > 1.5 * median
+        rare = above & (uniform_filter1d(above.astype(float), 9, mode="reflect") < 3.5 / 9.0)
         usual = np.maximum(before, after)
         usual = np.where(rare, np.fmin(usual, median), usual)
         wide = np.flatnonzero((usual > 0) & finite & (steps > 1.5 * usual))
