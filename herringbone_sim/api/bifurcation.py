@@ -63,7 +63,11 @@ class Bifurcation(NotebookResult):
         return facts
 
     def plot(self) -> Picture:
-        """Figure with the section points over the parameter, above the largest exponents."""
+        """Picture of the section points over the parameter, above the largest exponents if known.
+
+        Its ``figure`` is the Matplotlib figure. Grey: values at which different starts end in
+        different motions.
+        """
         return Picture(diagram_figure(self.diagram))
 
     def to_pandas(self) -> Any:

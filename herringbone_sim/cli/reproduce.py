@@ -180,7 +180,18 @@ def _draw(
 
 
 def _motion(folder: Path, point: Point) -> tuple[str, str]:
-    """Write the four-panel figure of a motion and return its file name and caption."""
+    """Integrate the motion of a figure further, and write its four panels for the mesh sp_L.
+
+    Args:
+        folder: the folder ``figures`` of the page.
+        point: the motion, with the state from which it goes on.
+
+    Returns:
+        Path of the PNG relative to the page, and caption.
+
+    Raises:
+        DivergenceError: the motion diverges.
+    """
     statement, name = point.statement, file_name(point.statement.figure)
     result = recorded(point)
     s = scales(point.parameters)

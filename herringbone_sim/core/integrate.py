@@ -260,7 +260,11 @@ class Stepper:
             first += size
 
     def _own_order(self) -> Indices:
-        """Return indices that put displacement and rate of each added coordinate side by side."""
+        """Return indices that put displacement and rate of each added coordinate side by side.
+
+        They count from the first added state. Here the state holds all displacements of added
+        coordinates, then all rates; a stepper with another order overrides this.
+        """
         order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
         return order
 

@@ -172,7 +172,14 @@ def examine(
 def _calibrated_by_enough(
     machine: Machine, noise_known: bool
 ) -> tuple[Machine, Search, FittedExplanation, dict[str, Predictable]]:
-    """Fit the tolerances; where they leave little, by more values of each run if there are any.
+    """Fit the tolerances; use more values of each run if chi2 says that little is unexplained.
+
+    Little is a chi2 per value below ``NONLINEAR_CHI2``. ``Machine.with_more_values`` gives the
+    larger machine; where it gives none, or chi2 is larger, the given machine is kept.
+
+    Args:
+        machine: with its runs.
+        noise_known: as in ``examine``.
 
     Returns:
         The machine whose values were used, and what ``_calibrated`` returns.

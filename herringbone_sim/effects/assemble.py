@@ -62,7 +62,15 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
 
 
 def _in_slots(model: Model, chosen: Sequence[Active]) -> tuple[Model, bool]:
-    """Return the model with effects in its slots, for the core, and ``Slots.bent_twice``."""
+    """Return the model with effects in its slots, for the core, and ``Slots.bent_twice``.
+
+    If that is true, two effects bend the force law of one mesh and slots hold only the last: the
+    core must not integrate the model.
+
+    Args:
+        model: its present effects are dropped.
+        chosen: effects as from ``acting``; each must have a ``fill``, or it is in no slot.
+    """
     slots, sizes = Slots(model), []
     for active in chosen:
         before = slots.n_own

@@ -233,10 +233,20 @@ def to_edge(windows, Omega, cycle, phase):
 
 @called
 def grid_step(m, cycle, phase, h, y, tangents):
-    """Advance y (s,) and tangents (k, s) in place over a step of the phase grid of length h [tau].
+    """Advance y (s,) and tangents (k, s) in place over a step of the phase grid.
 
-    Returns the number of contact switches, -1 if the motion diverged. Step control restarts at
-    every grid point, so that a run is bitwise independent of its division into blocks.
+    Step control restarts at every grid point, so that a run is bitwise independent of its
+    division into blocks. The time in each contact state is added to ``m.r.spent``.
+
+    Args:
+        m: ``dormand_prince.Gear``.
+        cycle: mesh cycle.
+        phase: mesh phase at the start of the step [rad].
+        h: length of the step [tau].
+
+    Returns:
+        Number of instants at which one or more meshes switch contact; -1 if the motion diverged,
+        then with y unchanged and tangents partly advanced.
     """
     r, done, switches = m.r, 0.0, 0
     for k in range(y.size):

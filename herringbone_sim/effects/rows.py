@@ -14,7 +14,10 @@ from herringbone_sim.effects.run import FREQUENCY_N, LENGTH, TILT, at_instant
 
 @called
 def write_row(m, t, y, row):
-    """Write a sample (``Layout.channels``) of state y at time t [s] and ``m.now`` into row.
+    """Write a sample (``Layout.channels``) of state y at time t [s] into row.
+
+    Phase, K, delta_T and T_1 are those in ``m.now``: the caller sets ``m.now[PHASE]`` before.
+    Work arrays of m are overwritten.
 
     Returns the largest deflection |x| / b_c, effects included; NaN if any is NaN.
     """

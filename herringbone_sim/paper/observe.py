@@ -88,7 +88,11 @@ class BatchRunner:
         return self.batches([request])[0]
 
     def batches(self, requests: Sequence[Request]) -> list[Batch]:
-        """Integrate several requests side by side, or read them from the cache."""
+        """Integrate several requests on the threads at once, or read them from the cache.
+
+        Returns:
+            A batch per request, in order; sections lack the states that effects add.
+        """
         jobs = [[_chunk(part) for part in request.parts()] for request in requests]
         return [
             Batch(**{**arrays, "reasons": tuple(map(str, arrays["reasons"]))})

@@ -88,9 +88,15 @@ def lateness(member: str) -> Array:
 
 
 def event(p: RigModel, c: Cause, row: int) -> RigModel:
-    """Add a damaged tooth; ``row`` of ``RigModel.event`` gets the size.
+    """Return the rig model with a damaged tooth at the meshes of the cause.
 
-    Row 3 is the depth of a crack, row 4 the height of a spall.
+    A rig has one such tooth: begin and width at these meshes, and the window, are overwritten.
+
+    Args:
+        p: is not changed.
+        c: cause, with member, begin and width of the event.
+        row: row of ``RigModel.event`` for the size: 3 depth of a crack [-], 4 height of a spall
+            [m].
     """
     member, curve = str(c.shape["member"]), _curve(c)
     late = np.rint(lateness(member) * CYCLES[member])

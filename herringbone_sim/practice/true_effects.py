@@ -80,7 +80,12 @@ def _expanded(name: str, place: Json) -> list[str]:
 
 
 def _value(cause: Json, name: str) -> Any:
-    """Return the value of a parameter, None if it is missing."""
+    """Return the value of a parameter of an effect in a label or a report; None if missing.
+
+    Args:
+        cause: its ``parameters`` hold a value, or a mapping with ``value``, by name.
+        name: of the parameter.
+    """
     entry = (cause.get("parameters") or {}).get(name)
     return entry.get("value") if isinstance(entry, Mapping) else entry
 

@@ -207,7 +207,15 @@ def _sweep_folder(part: Path, name: str) -> None:
 def _recover_in_place(
     surveys: Sequence[Survey], report: RecoveryReport, information: BagInformation
 ) -> RecoveryReport:
-    """Replace unfinished files by recovered files in the run folder; return the final report."""
+    """Replace unfinished files by recovered files in the run folder; return the final report.
+
+    A file from which data are left out is kept as ``NAME.cut``. A missing or wrong
+    ``metadata.yaml`` is written anew; remains of a killed recovery are removed.
+
+    Raises:
+        RecordingError: another file has the name ``NAME.cut``; nothing is changed then.
+        OSError, ValueError: a file can't be written; those not replaced yet are unchanged.
+    """
     cut = [file_survey for file_survey in surveys if not file_survey.scan.complete]
     for file_survey in cut:
         _check_original_name(file_survey)

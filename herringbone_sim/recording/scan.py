@@ -207,7 +207,12 @@ class Scan:
             self._leave_out(len(body), f"damaged ({str(error) or type(error).__name__})")
 
     def _leave_out(self, length: int, fault: str) -> None:
-        """Count a record of ``length`` bytes as damaged, and note its fault."""
+        """Count the record that ends at ``intact_bytes`` as damaged, and note the first few.
+
+        Args:
+            length: of the record in bytes.
+            fault: completes "a record ... is <fault> and left out"; ``MOST_NOTES`` are kept.
+        """
         self.damaged += 1
         if self.damaged <= MOST_NOTES:
             self._notes.append(

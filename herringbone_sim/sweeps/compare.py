@@ -213,7 +213,11 @@ def shares(nominal: GearSweeps, augmented: GearSweeps, way: str) -> dict[str, tu
 
 
 def coexisting(side: GearSweeps) -> list[Stretch]:
-    """Stretches of the values in which sweeps with different starts end in different motions."""
+    """Stretches of the values in which sweeps with different starts end in different motions.
+
+    A new stretch begins where the set of motions (``motions_at``, without failed runs) changes.
+    Stretches shorter than 2 % of the values are dropped, and equal neighbours joined over them.
+    """
     at, values = motions_at(side), side.axis.values
     stretches = label_stretches(["\n".join(sorted(motions)) for motions in at])
     spans = [(values[a], values[b], tuple(label.split("\n"))) for a, b, label in stretches]

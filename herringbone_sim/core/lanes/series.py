@@ -227,7 +227,11 @@ def expand_control(w, inverse):
 
 @inlined
 def cauchy(w, i, m):
-    """Add order i of the product k f to the forces of meshes m and m + 1, two sums in parallel."""
+    """Add order i of the product k f to ``w.force`` of meshes m and m + 1, two sums in parallel.
+
+    ``w.force`` holds one order of the forces at a time; ``w.k`` and ``w.f`` must be known to
+    order i.
+    """
     even, odd = load(w.force, 0, m), load(w.force, 0, m + 1)
     for j in range(i + 1):
         even = fma(load(w.k, i - j, m), load(w.f, j, m), even)

@@ -24,7 +24,10 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 @law
 def excite(theta, site, gear, now, own, law):
-    """Add the harmonic to k, relative to the mean of the gear without effects."""
+    """Add k_m (theta[0] cos + theta[1] sin)(order phase) to k of the meshes of the locus.
+
+    k_m is the mean stiffness of the gear without effects. Arrays: see ``effects.law``.
+    """
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:
             angle = site[ORDER, m] * now[PHASE]

@@ -41,7 +41,14 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
 def fill(
     slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
 ) -> None:
-    """Add the ripple to the torque on both halves of the sun."""
+    """Add the ripple to the torque on both halves of the sun.
+
+    Args:
+        slots: changed in place.
+        theta: amplitude as a share of T_1, and phase [rad].
+        mask: not used, as the ripple acts on the whole sun.
+        options: ``order``, periods per revolution of the input shaft.
+    """
     p, s = slots.model.parameters, slots.model.scales
     order = options["order"] * (p.z_s + p.z_r) / (p.z_s * p.z_r)
     push = np.zeros(len(slots.model.layout.bodies))

@@ -119,10 +119,14 @@ class Gear(RecordedGear):
         return [self._quadrature_error(r, {}) for r in range(len(self.runs))]
 
     def _quadrature_error(self, r: int, of_law: Mapping[str, Array]) -> Array | None:
-        """Window integral minus sum (k, n_mesh) [N] of forces of run r; None without ``dense``.
+        """Error (k, n_mesh) [N] of averaging the law's forces of run r over samples alone.
+
+        Their Gaussian moving average at fine steps minus that at samples, for each of the k
+        samples with a whole averaging window; None if run r has no ``dense`` motion.
 
         Args:
-            of_law: amplitudes (n_mesh,) by function of the law.
+            r: index of the run.
+            of_law: amplitudes (n_mesh,) by function of the law; empty: the nominal law.
         """
         g = self.runs[r]
         dense = g.dense

@@ -101,7 +101,10 @@ def waves_of(
 
 
 def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
-    """Nominal waves at mesh phases (n,) [rad], delayed by the angle ``late`` [rad]."""
+    """Nominal waves at mesh phases (n,) [rad], delayed by the angle ``late`` [rad].
+
+    ``omega``: mesh frequency [rad/s]; ``e_share``: factor on the harmonics of e(t), not its mean.
+    """
     return waves(model, phase - late, omega, e_share)
 
 

@@ -112,7 +112,10 @@ class RecordedGear:
 
     @cached_property
     def has_force_law(self) -> bool:
-        """Whether force and displacement of at least one mesh are known in all runs."""
+        """Whether the force law is formed: F and x of at least one mesh are known in all runs.
+
+        Not if a recorded rotation lacks its mean (``means_known``).
+        """
         known = [np.isfinite(g.motion.x).all(axis=0) for g in self.runs]
         there = (~self.modelled & np.logical_and.reduce(known)).any()
         return bool(self.means_known and there)

@@ -104,10 +104,14 @@ class Windows:
     ) -> tuple[Array, Array]:
         """Channels (W, samples, k) predicted from states, and derivatives (W, samples, k, 18).
 
+        Derivatives are by the state at the same sample, not by that at the start of the window.
+
         Args:
-            states: (W, steps + 1, 18).
+            states: (W, steps + 1, 18) rotations [m] and rates [m/s] at every integration step.
+            forcing: at every half step of the run.
             first: (W,) index of the half step at which each window starts, for states that don't
-                belong to successive windows; None: ``first_half_step``.
+                belong to successive windows: a delayed channel is then read within its own
+                window. None: ``first_half_step``.
         """
         alone = first is not None
         begin = self.first_half_step if first is None else first

@@ -90,7 +90,13 @@ class InertiaFactors:
 
 
 def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
-    """Evaluate the force law on fused x and v of a run, with factors (6,), see ``NAMES``."""
+    """Evaluate the force law on fused x and v of a run, and compare it with the measured forces.
+
+    Args:
+        run: gives the nominal model and its waves, and the measured forces.
+        fused: displacements and rates of the meshes, with their noise.
+        factors: (6,) on nominal k, c and e, see ``NAMES``; those on e change x and v, too.
+    """
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
     k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
     x = fused.x - (e_f - 1.0) * run.waves.e

@@ -95,7 +95,16 @@ def draw_shares(axes: Axes, names: Sequence[str], basins: Basins) -> None:
 
 
 def draw_portrait(axes: Axes, portrait: Portrait, colour: str, name: str) -> None:
-    """Draw velocity over displacement of the first left sun mesh; grey beneath it: right mesh."""
+    """Draw velocity over displacement of the first left sun mesh; grey beneath it: right mesh.
+
+    The y axis gets no label: panels in a row share it.
+
+    Args:
+        axes: to draw on.
+        portrait: dimensionless motion of both meshes.
+        colour: of the left mesh.
+        name: title of the panel; each ", " becomes a new line.
+    """
     for motion, look, width in ((portrait.right, GREY, 0.9), (portrait.left, colour, 0.6)):
         axes.plot(*motion.T, color=look, linewidth=width, rasterized=True)
     axes.set_title(name.replace(", ", "\n"), fontsize=8)
