@@ -25,11 +25,14 @@ def test_examples_with_a_run_work(
     assert len(records) == 1
     (record,) = records
     command = [sys.executable, "-m", *record]
-    node = subprocess.Popen(command, cwd=tmp_path, env=environment)
     file = tmp_path / "runs" / "first" / "first_0.mcap"
-    wait_until(lambda: file.exists() and file.stat().st_size > 5_000_000, 60.0)
-    node.send_signal(signal.SIGINT)
-    assert node.wait(30.0) == 0
+    with subprocess.Popen(command, cwd=tmp_path, env=environment) as node:
+        try:  # the kernel may have to be compiled first
+            wait_until(lambda: file.exists() and file.stat().st_size > 5_000_000, 300.0)
+            node.send_signal(signal.SIGINT)
+            assert node.wait(60.0) == 0
+        finally:
+            node.kill()
     for words in (words for examples in shown.values() for words in examples[1:]):
         command = [sys.executable, "-m", *words]
         subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=120.0)
