@@ -94,10 +94,8 @@ class Loop:
         self._step: Step | None = None
         self._pending: list[_Wanted] = []
         self._last = tuple(actives)
-        self._failed: tuple[tuple[Active, ...], tuple[Active, ...]] = (
-            (),
-            (),
-        )  # and those in force
+        # Effects that could not be compiled last, and those in force then.
+        self._failed: tuple[tuple[Active, ...], tuple[Active, ...]] = ((), ())
         self._preparing = 0
         self._preparer = ThreadPoolExecutor(1, "effects")
         self._calls: deque[Callable[[], None]] = deque()

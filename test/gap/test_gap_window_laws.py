@@ -15,38 +15,17 @@ from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import window_events
 from herringbone_sim.gap.observations.body_motion import (
-    inverse_masses,
     rigid_swing,
-    static_rotations,
 )
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.shooting import (
-    WindowSolution,
-)
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import draw_plan
 from herringbone_sim.practice.trial import Setting, plan_of
-
-
-@pytest.fixture(scope="module")
-def gear() -> Gear:
-    """A healthy practice rig of which three rotations are recorded, at a hundredth of noise."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
-        return Gear(made.of_role("fit"))
-
-
-@pytest.fixture(scope="module")
-def one(gear: Gear) -> tuple[Trajectory, WindowSolution]:
-    """A run whose planets move in step, at the states that fit it."""
-    trajectory = gear.trajectories[1]
-    return trajectory, trajectory.nominal
 
 
 @pytest.mark.parametrize("channels", ["accelerometers", "shafts_pins", "shafts_rings"])
@@ -66,21 +45,6 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
         assert 0.5 < np.mean(shot.residuals[:, :, kinds == kind][read] ** 2) < 2.0
     if channels == "shafts_rings":
         assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
-
-
-def test_static_rotations_are_those_about_which_rotations_are_recorded(gear: Gear) -> None:
-    """Planets follow from shafts as in ``symmetric_starts``, at rest."""
-    run = gear.runs[0].run
-    u, M = static_rotations(run), 1.0 / inverse_masses(run.model)
-    planets = -(2.0 * u[:2] @ M[:2] + u[2] * M[2]) / M[3:].sum()
-    assert u[3:] == pytest.approx(planets)
-
-
-def test_noise_of_single_samples_is_selected_with_its_mesh(gear: Gear) -> None:
-    m = gear.runs[0].motion
-    noise = np.arange(m.x.size, dtype=float).reshape(m.x.shape)
-    some, _ = select_meshes(replace(m, sigma_x=noise), LawChange(), np.array([2, 5]))
-    np.testing.assert_array_equal(some.sigma_x, noise[:, [2, 5]])
 
 
 def test_the_swing_that_a_recording_lacks_is_found() -> None:

@@ -14,8 +14,9 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.rotations import detrended_rotations, with_rotations
 from herringbone_sim.gap.observations import windows
+from herringbone_sim.gap.observations.body_motion import inverse_masses, static_rotations
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, law
+from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
@@ -304,3 +305,18 @@ def test_states_far_apart_are_eliminated_all_the_same(
     wild = replace(shot, slope=shot.slope * np.logspace(0, 20, STATES))
     states = StateElimination(window_jacobian(s, wild), *encoder_columns(s), STATE_PRECISION)
     assert np.isfinite(states.clear(rows(shot)[:, None])).all()
+
+
+def test_static_rotations_are_those_about_which_rotations_are_recorded(gear: Gear) -> None:
+    """Planets follow from shafts as in ``symmetric_starts``, at rest."""
+    run = gear.runs[0].run
+    u, M = static_rotations(run), 1.0 / inverse_masses(run.model)
+    planets = -(2.0 * u[:2] @ M[:2] + u[2] * M[2]) / M[3:].sum()
+    assert u[3:] == pytest.approx(planets)
+
+
+def test_noise_of_single_samples_is_selected_with_its_mesh(gear: Gear) -> None:
+    m = gear.runs[0].motion
+    noise = np.arange(m.x.size, dtype=float).reshape(m.x.shape)
+    some, _ = select_meshes(replace(m, sigma_x=noise), LawChange(), np.array([2, 5]))
+    np.testing.assert_array_equal(some.sigma_x, noise[:, [2, 5]])
