@@ -61,7 +61,7 @@ def window_lines(survey: Survey) -> Lines:
     """
     lines = []
     for i, value in enumerate(survey.axis.values):
-        forcing = survey.target_cycles({survey.axis.name: value}, 1) or survey.forcing
+        forcing = int(survey.forcing_cycles[i]) or survey.forcing
         for j in (0, 1) if value in nearest(survey.axis, PRINTED_DELTA_T) else ():
             ranges = windows(survey.K, survey.of("period")[i, :, j])
             texts = (f"{a:.2f}-{b:.2f} {motion(period, forcing)}" for period, a, b in ranges)

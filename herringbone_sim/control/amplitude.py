@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -103,16 +104,18 @@ class Survey:
 
     def reached(self, target: Target) -> Flags:
         """(n, m) whether the target is reached from all of its starts."""
-        periods = self.of("period")[:, :, self.columns(target)]
-        rows = [
-            repeats(row, self.target_cycles({self.axis.name: value}, target.period))
-            for value, row in zip(self.axis.values, periods, strict=True)
-        ]
-        return np.asarray(np.all(rows, axis=2), dtype=bool)
+        repeated = self.repeats(target.period)[:, :, self.columns(target)]
+        return np.asarray(repeated.all(axis=2), dtype=bool)
 
-    def target_cycles(self, values: Mapping[str, float], period: int) -> int:
-        """``target_cycles`` of the gear with some parameters changed."""
-        return target_cycles(self.base.changed(values), period, self.forcing)
+    def repeats(self, period: int) -> Flags:
+        """(n, m, s) whether each motion repeats after some periods of the forcing."""
+        return repeats(self.of("period"), period * self.forcing_cycles[:, None, None])
+
+    @cached_property
+    def forcing_cycles(self) -> Indices:
+        """(n,) period of effects and control together [mesh cycles]; 0 if they have none."""
+        gears = (self.base.changed({self.axis.name: value}) for value in self.axis.values)
+        return np.array([target_cycles(gear, 1, self.forcing) for gear in gears])
 
 
 @dataclass(frozen=True)

@@ -87,12 +87,13 @@ class Motions:
 NAMES = tuple(item.name for item in fields(Motions))
 
 
-def repeats(period: Array, cycles: int) -> Flags:
+def repeats(period: Array, cycles: int | Indices) -> Flags:
     """Whether motions repeat after some mesh cycles: P1 also after 2, an aperiodic one never.
 
     Args:
         period: of the motions in mesh cycles, 0 = aperiodic, NaN = failed.
-        cycles: number of mesh cycles; if 0, no motion repeats.
+        cycles: number of mesh cycles, one or in a shape like that of ``period``; where it is 0,
+            no motion repeats.
 
     Returns:
         Flags in the shape of ``period``.

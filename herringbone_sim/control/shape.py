@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.control.amplitude import Survey, run_survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
@@ -66,16 +66,21 @@ def shape_map(
         settings: lengths of the runs.
     """
     survey = run_survey(runner, base, axis, K, Starts(0, 0, running=False), settings)
-    unit = np.array([survey.target_cycles({axis.name: v}, 1) for v in axis.values])
     names = ("exponent", "exponent_error", "transverse", "within", "apart")
     exponent, error, transverse, within, apart = (survey.of(name)[:, :, 0] for name in names)
-    period = in_periods(survey.of("period")[:, :, 0], unit[:, None], K, survey.forcing)
+    period = zero_start_periods(survey)
     own = np.where(np.isnan(within), exponent, within)
     chaotic = (period == 0) & (own > np.maximum(2.0 * error, LEAST_EXPONENT))
     return ShapeMap(axis, K, period, exponent, error, transverse, chaotic, apart)
 
 
-def in_periods(cycles: Array, unit: Array, K: Array, free: int = 1) -> Array:
+def zero_start_periods(survey: Survey) -> Array:
+    """Periods (n, m) of the motions from the zero start, in periods of the forcing."""
+    cycles, unit = survey.of("period")[:, :, 0], survey.forcing_cycles[:, None]
+    return in_periods(cycles, unit, survey.K, survey.forcing)
+
+
+def in_periods(cycles: Array, unit: Indices, K: Array, free: int = 1) -> Array:
     """Convert periods (n, m) from mesh cycles to periods of the forcing.
 
     Args:

@@ -16,8 +16,8 @@ from matplotlib.patheffects import withStroke
 
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.control.amplitude import LeastAmplitude, Survey, Target
-from herringbone_sim.control.runs import LEAST_EXPONENT, repeats
-from herringbone_sim.control.shape import ShapeMap, in_periods
+from herringbone_sim.control.runs import LEAST_EXPONENT
+from herringbone_sim.control.shape import ShapeMap, zero_start_periods
 from herringbone_sim.views.figures.maps import (
     APERIODIC,
     PERIOD_COLOURS,
@@ -49,12 +49,8 @@ def amplitude_figure(
         figure = Figure(figsize=(9.2, 4.2))
         left, right = figure.subplots(1, 2, sharey=True)
         values = survey.axis.values
-        forcing = np.array([survey.target_cycles({survey.axis.name: v}, 1) for v in values])
-        period = in_periods(
-            survey.of("period")[:, :, 0], forcing[:, None], survey.K, survey.forcing
-        )
-        draw_periods(left, values, survey.K, period, below=True)
-        unit = "mesh cycles" if np.all(forcing == 1) else "periods of the forcing"
+        draw_periods(left, values, survey.K, zero_start_periods(survey), below=True)
+        unit = "mesh cycles" if np.all(survey.forcing_cycles == 1) else "periods of the forcing"
         left.set_title(f"period from the zero start, {unit}")
         _draw_reached(right, survey)
         for axes, starts in ((left, "zero"), (right, "all")):
@@ -101,12 +97,7 @@ def draw_periods(
 
 
 def _draw_reached(axes: Axes, survey: Survey) -> None:
-    rows = zip(survey.axis.values, survey.of("period"), strict=True)
-    some = [
-        repeats(row, survey.target_cycles({survey.axis.name: value}, 2)).any(axis=1)
-        for value, row in rows
-    ]
-    level = np.array(some, dtype=float)
+    level = survey.repeats(2).any(axis=2).astype(float)
     level[survey.reached(Target(2, "all"))] = 2.0
     level[survey.reached(Target(1, "all"))] = 3.0
     options: Any = {"cmap": ListedColormap(REACHED), "vmin": -0.5, "vmax": 3.5}
