@@ -53,6 +53,10 @@ class Scales:
         """SI value of d2x/dtau2 = 1."""
         return self.b_c * self.omega_n**2
 
+    def base_radius(self, body: str) -> float:
+        """Return the base radius [m] of a body, such as ``s_L``, ``c`` or ``p1_R``."""
+        return {"s": self.r_bs, "c": self.r_bc, "p": self.r_bp}[body[0]]
+
     def control_torque_n_m(self, K: float) -> float:
         """Return the torque amplitude on the carrier [N m] that subtracts K from every relative
         acceleration.

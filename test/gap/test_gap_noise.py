@@ -14,7 +14,6 @@ from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
-from herringbone_sim.recording.importing.turns import base_radius
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
@@ -60,7 +59,7 @@ def test_a_second_set_of_encoders_is_no_other_gear_and_as_noisy_as_it_is() -> No
     step = 2.0 * np.pi / made.label["noise"]["encoders"]["counts"] / np.sqrt(12.0)
     for run in campaign.of_role("fit"):
         model = run.model
-        of_u = step * np.array([base_radius(model, body) for body in model.layout.bodies])
+        of_u = step * np.array([model.scales.base_radius(body) for body in model.layout.bodies])
         of_x = np.sqrt(bodies_to_meshes(model) ** 2 @ of_u**2)
         found = with_estimated_noise(run)
         np.testing.assert_allclose(found.u.sigma, of_u, rtol=0.3)

@@ -17,7 +17,6 @@ from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
-from herringbone_sim.recording.importing.turns import base_radius
 
 
 def made(seed: int, truth: str, kind: str, channels: str) -> PracticeCampaign:
@@ -46,7 +45,7 @@ def test_noise_of_encoders_is_that_of_their_steps(encoders: PracticeCampaign) ->
     counts = encoders.label["noise"]["encoders"]["counts"]
     model = campaign.runs[0].model
     at = model.layout.bodies.index("c")
-    step = 2.0 * np.pi / counts * base_radius(model, "c")
+    step = 2.0 * np.pi / counts * model.scales.base_radius("c")
     runs = campaign.of_role("fit")
     by_spectrum = [spectral_floor(run.u.values[:, [at]])[0] for run in runs]
     assert min(by_spectrum) < 0.6 * step / np.sqrt(12.0)

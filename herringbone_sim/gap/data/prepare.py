@@ -33,7 +33,6 @@ from herringbone_sim.gap.data.rotations import (
 from herringbone_sim.gap.data.screen import Finding, screen
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
-from herringbone_sim.recording.importing.turns import base_radius
 from herringbone_sim.recording.reader import Recording, read_recording
 
 Sensors = Mapping[str, Mapping[str, float]]  # channel -> data in campaign.yaml
@@ -112,7 +111,7 @@ def told_noise(model: Model, sensors: Sensors) -> dict[str, float]:
     }
     for body in model.layout.bodies:
         if f"angle_{body}" in given_noise:
-            of_angle = given_noise.pop(f"angle_{body}") * base_radius(model, body)
+            of_angle = given_noise.pop(f"angle_{body}") * model.scales.base_radius(body)
             given_noise.setdefault(f"u_{body}", of_angle)
     return given_noise
 

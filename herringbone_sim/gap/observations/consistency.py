@@ -23,7 +23,6 @@ from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
-from herringbone_sim.recording.importing.turns import base_radius
 
 NAME = "consistency"
 ERROR_KINDS = ("gain", "bias", "delay", "clock")
@@ -142,7 +141,7 @@ def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:
         for trig in (np.cos, np.sin)
     ]
     sizes = [
-        ENCODER_ERROR_RAD * base_radius(run.model, name[2:])
+        ENCODER_ERROR_RAD * run.model.scales.base_radius(name[2:])
         if name[0] == "u"
         else ENCODER_ERROR_RAD * run.model.scales.r_bs * (name[0] == "x")
         for name in sensor_names(run.model.layout)

@@ -28,7 +28,6 @@ from herringbone_sim.gap.observations.basis import (
 )
 from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.law import Law, MeshMotion
-from herringbone_sim.recording.importing.turns import base_radius
 
 NAME = "force_law"
 SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains
@@ -235,5 +234,5 @@ def encoder_nuisances(model: Model, names: Sequence[str]) -> tuple[Array, Array]
             weight = np.zeros((model.layout.n_mesh, len(names)))
             weight[:, names.index(f"shaft {body[0]} 1 {trig}")] = through[:, j]
             weights.append(weight)
-            sds.append(ENCODER_ERROR_RAD * base_radius(model, body))
+            sds.append(ENCODER_ERROR_RAD * model.scales.base_radius(body))
     return np.array(weights), np.array(sds)

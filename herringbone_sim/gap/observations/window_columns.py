@@ -29,7 +29,6 @@ from herringbone_sim.gap.observations.window_sensors import (
     exchangeable,
 )
 from herringbone_sim.gap.observations.windows import Windows
-from herringbone_sim.recording.importing.turns import base_radius
 
 
 def function_names(
@@ -230,6 +229,6 @@ def encoder_columns(s: Windows) -> tuple[Array, Array]:
                     phase / cycles_per_shaft_turn(model)[name[2]]
                 )
                 columns.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
-                sizes.append(ENCODER_ERROR_RAD * base_radius(model, name[2:]))
+                sizes.append(ENCODER_ERROR_RAD * model.scales.base_radius(name[2:]))
     gratings = np.array(columns).reshape(-1, W * samples * k + (W - 1) * STATES).T
     return np.hstack([gratings, s.trend_rows()]), np.append(sizes, s.trends.size)

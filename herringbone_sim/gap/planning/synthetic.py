@@ -21,7 +21,6 @@ from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
 from herringbone_sim.gap.observations.window_channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
-from herringbone_sim.recording.importing.turns import base_radius
 
 TRANSIENT = 80  # mesh cycles simulated before a recording, as for practice rigs
 
@@ -133,7 +132,7 @@ def _run(
     def noise_of(name: str, rms: float) -> float:
         if name not in angles:
             return noise.sigma(name, rms)
-        radius = base_radius(model, name.removeprefix("u_"))
+        radius = model.scales.base_radius(name.removeprefix("u_"))
         return radius * noise.sigma(angles[name], rms / radius)
 
     def record(q: str) -> Measured:

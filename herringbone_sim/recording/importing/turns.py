@@ -43,7 +43,7 @@ def with_turns(
     for name in sorted(values.keys() - converted.keys()):
         body = name.removeprefix("angle_")
         line = steady(times, values[name])
-        converted[f"u_{body}"] = (values[name] - line) * base_radius(model, body)
+        converted[f"u_{body}"] = (values[name] - line) * model.scales.base_radius(body)
         if name == shaft:
             cycles = p.z_r if body == "c" else p.z_s * p.z_r / (p.z_s + p.z_r)
             converted["phase"] = np.sign(line[-1] - line[0]) * cycles * line + phase_offset
@@ -62,9 +62,3 @@ def steady(times: Array, angle: Array) -> Array:
     slope, start = np.polyfit(t[known], angle[known], 1)
     line: Array = start + slope * t
     return line
-
-
-def base_radius(model: Model, body: str) -> float:
-    """Return the base radius [m] of a body, such as ``s_L``, ``c`` or ``p1_R``."""
-    s = model.scales
-    return {"s": s.r_bs, "c": s.r_bc, "p": s.r_bp}[body[0]]
