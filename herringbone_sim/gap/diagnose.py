@@ -32,8 +32,8 @@ from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensor_calibration import (
     STRIDE,
+    assumed_gain_tolerances,
     calibrated_sensors,
-    gain_tolerances,
     with_learned_noise,
 )
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
@@ -151,7 +151,7 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
         AnalysisError: no run of role ``fit``.
     """
     fit = leave_out_folds(_fit_runs(campaign, findings))
-    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=gain_tolerances(campaign)))
+    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=assumed_gain_tolerances(campaign)))
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:

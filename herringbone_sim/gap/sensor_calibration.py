@@ -22,7 +22,7 @@ def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
         )
     runs = drop_common_copies(campaign.runs)
-    return replace(campaign, runs=remove_common_delay(runs, gain_tolerances(campaign)))
+    return replace(campaign, runs=remove_common_delay(runs, assumed_gain_tolerances(campaign)))
 
 
 def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
@@ -37,7 +37,7 @@ def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
     return replace(campaign, runs=with_noise_of_windows(runs, campaign.noise_known))
 
 
-def gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
+def assumed_gain_tolerances(campaign: PreparedCampaign) -> tuple[float, ...]:
     """Gain tolerance (n_mesh,) of the force sensors, as the campaign gives it; may be empty.
 
     If the campaign gives neither tolerances nor noise, that of strain gauges.

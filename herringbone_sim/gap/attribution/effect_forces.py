@@ -13,14 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array, Flags
-from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active, Parameter
 from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import (
@@ -166,11 +164,8 @@ def _contributions(
         actives: the effects.
     """
     gear = calibrated_gear_table(case, factors)
-    with_effects = evaluate(case.run.model, actives, motion, gear)
-    k = waves(case.run.model, motion.now[:, 0], case.run.omega_rad_per_s).k
-    stiffness = k * by_mesh(factors, motion.x.shape[1])[0]
-    without = stiffness * backlash(motion.x, gear[2]) + gear[1] * motion.v
-    return with_effects.force - without, with_effects.torque
+    laws, without = (evaluate(case.run.model, a, motion, gear) for a in (actives, ()))
+    return laws.force - without.force, laws.torque
 
 
 def calibrated_gear_table(case: FusedRun, factors: Array) -> Array:

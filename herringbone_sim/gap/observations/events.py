@@ -43,6 +43,9 @@ def contact_shape(s: Array) -> Array:
     return np.where(np.abs(s) < HALF_CONTACT, 0.5 + 0.5 * np.cos(np.pi * s / HALF_CONTACT), 0.0)
 
 
+BUMP = contact_shape(KNOTS)
+
+
 @dataclass(frozen=True)
 class Fold:
     """Sums over all revolutions of a member, by mesh and bin of the revolution.
@@ -284,9 +287,7 @@ class Event:
         """Hypothesis of the event: a raised cosine over the contact, and departures from it."""
         mask = self.locus.mask(builder.gear.model.layout)
         unit = 0.3 if self.effect == "tooth_crack" else 5e-6
-        main: Weights = {
-            f"{label} {i}": -w * mask for i, w in enumerate(contact_shape(KNOTS)) if w
-        }
+        main: Weights = {f"{label} {i}": -w * mask for i, w in enumerate(BUMP) if w}
         terms = [builder.coefficient(_PARAMETER_NAMES[self.effect], main, unit)]
         for i in range(len(KNOTS)):
             bend: Weights = {f"{label} {i}": -mask}
@@ -296,5 +297,4 @@ class Event:
         return Hypothesis(self.effect, options, self.locus, tuple(terms), len(terms), self)
 
 
-BUMP = contact_shape(KNOTS)
 _PARAMETER_NAMES = {"tooth_crack": "depth", "tooth_spall": "height"}
