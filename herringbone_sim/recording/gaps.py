@@ -11,6 +11,9 @@ from herringbone_sim.arrays import Array
 
 # Largest count that a double holds exactly.
 MOST_MISSING = 2.0**53
+WIDE = 1.5  # of the usual step: between one step and two, so that a single missing sample is seen
+WINDOW = 9  # steps about one; more than twice MOST_WIDE, so that their median is no wide step
+MOST_WIDE = 3  # wide steps in a window; with more of them the step varies
 
 
 @dataclass(frozen=True)
@@ -29,11 +32,12 @@ class Gap:
 
 
 def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
-    """Find gaps: steps of ``counter`` above 1.5 times the usual step.
+    """Find gaps: steps of ``counter`` above ``WIDE`` times the usual step.
 
-    The usual step is the longer one of both neighbours; where no more than three of nine steps are
-    wide, their median if that is shorter, so that gaps with single samples between them are found
-    too. A lasting change of the step (other samples per cycle, other speed) is not a gap.
+    The usual step is the longer one of both neighbours. Beside another wide step it is the median
+    of ``WINDOW`` steps if that is shorter and few of them are wide, so that gaps with single
+    samples between them are found too. A lasting change of the step (other samples per cycle,
+    other speed) is not a gap.
 
     Args:
         times: (n,) times [s].
@@ -46,12 +50,14 @@ def find_gaps(times: Array, counter: Array) -> tuple[Gap, ...]:
         before, after = np.r_[steps[1], steps[:-1]], np.r_[steps[1:], steps[-2]]
         finite = np.isfinite(steps)
         median = np.full(len(steps), np.nan)
-        median[finite] = median_filter(steps[finite], 9, mode="reflect")
-        above = steps > 1.5 * median
-        rare = above & (uniform_filter1d(above.astype(float), 9, mode="reflect") < 3.5 / 9.0)
+        median[finite] = median_filter(steps[finite], WINDOW, mode="reflect")
+        above = steps > WIDE * median
+        share = uniform_filter1d(above.astype(float), WINDOW, mode="reflect")
+        few = share < (MOST_WIDE + 0.5) / WINDOW
+        beside = np.r_[False, above[:-1]] | np.r_[above[1:], False]
         usual = np.maximum(before, after)
-        usual = np.where(rare, np.fmin(usual, median), usual)
-        wide = np.flatnonzero((usual > 0) & finite & (steps > 1.5 * usual))
+        usual = np.where(above & beside & few, np.fmin(usual, median), usual)
+        wide = np.flatnonzero((usual > 0) & finite & (steps > WIDE * usual))
         ratios = np.minimum(steps[wide] / usual[wide], MOST_MISSING)
     return tuple(
         Gap(int(i) + 1, float(times[i]), round(float(ratio)) - 1)

@@ -118,6 +118,15 @@ def test_gaps_are_found_beside_each_other_and_at_the_ends(steps, missing):
     assert [gap.missing for gap in find_gaps(counter, counter)] == missing
 
 
+def test_a_clock_that_jitters_has_hardly_more_gaps_than_steps_wide_beside_both_neighbours():
+    """Steps of 1 +- 0.2, none missing: the median beside wide steps adds few to these."""
+    steps = np.random.default_rng(1).normal(1.0, 0.2, 20_000)
+    inner = steps[1:-1]
+    beside_both = np.sum(inner > 1.5 * np.maximum(steps[:-2], steps[2:]))
+    counter = np.cumsum(np.r_[0.0, steps])
+    assert len(find_gaps(counter, counter)) < 1.2 * beside_both
+
+
 def test_another_number_of_samples_a_cycle_is_no_gap():
     steps = np.repeat([1.0, 4.0, 0.5, 2.0], 50)
     phase = np.cumsum(steps)
