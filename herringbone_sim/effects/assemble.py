@@ -22,16 +22,16 @@ def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
 
 
 def in_slots(actives: Sequence[Active]) -> bool:
-    """Return whether slots can represent all of these effects; sensor effects do not count."""
+    """Return whether slots can represent each of these effects; sensor effects do not count."""
     return all(active.effect.fill is not None for active in acting(actives))
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
     """Return the model with the given effects instead of its present ones.
 
-    Sensor effects are left out. If slots cannot represent an effect, or two that bend the spring
-    force or damping of one mesh, the gear is integrated by the
-    laws of all effects, see ``by_laws``; slots then only give its period and the edges of events.
+    Sensor effects are left out. If no slot represents an effect, or two bend the spring force or
+    the damping of one mesh, the gear is integrated by the laws of all effects, see ``by_laws``;
+    slots then only give its period and the edges of events.
 
     Raises:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.

@@ -149,7 +149,8 @@ class Effect:
             the effect applies to whole recordings only, not to a stream.
 
     Raises:
-        ParameterError: an unknown level, or ``distort`` in other than sensor effects.
+        ParameterError: an unknown level, ``distort`` in other than sensor effects, or single loci
+            (``*``) of an effect that is not divisible.
     """
 
     id: str
@@ -176,6 +177,8 @@ class Effect:
             raise ParameterError(f"level of {self.id} must be one of {LEVELS}, got {self.level!r}")
         if (self.level == "sensor") != (self.distort is not None):
             raise ParameterError(f"{self.id}: a sensor effect, and no other, has distort")
+        if not self.divisible and any("*" in pattern for pattern in self.loci):
+            raise ParameterError(f"{self.id}: an effect that is not divisible has no loci with *")
 
     @property
     def neutral(self) -> Array:
@@ -262,9 +265,10 @@ def active(
 
 
 def _check_locus(effect: Effect, locus: Locus) -> None:
-    """Raise ParameterError for a locus without the meshes of an effect.
+    """Raise ParameterError for a locus without the meshes of an effect, or one too narrow for it.
 
-    A name in a pattern of ``loci``, such as ``rp``, excludes other names.
+    A name in a pattern of ``loci``, such as ``rp``, excludes other names. An effect that is not
+    ``divisible`` takes its loci alone.
     """
     parts = (str(locus.mesh), str(locus.planet), str(locus.side))
     fits = [

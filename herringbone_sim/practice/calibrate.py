@@ -61,6 +61,11 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
         AnalysisError: fewer than ``2 * FOLDS`` campaigns with the first loss that has any, or
             fewer than ``FOLDS`` that are ``counted``.
     """
+    sizes = [np.array(c.sizes).reshape(-1, 3) for c in compress(campaigns, counted(campaigns))]
+    if len(sizes) < FOLDS:
+        raise AnalysisError(
+            f"calibration needs {FOLDS} campaigns in its figures, got {len(sizes)}: run more"
+        )
     weights: dict[str, Array] = {}
     penalties: dict[str, float] = {}
     draws = [np.zeros((len(campaigns), 4)) for _ in range(DRAWS)]
@@ -81,11 +86,6 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
         weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, prior_mean)
         for draw, rows in enumerate(draws):
             rows[at] = left_out(group, labelled, draw, prior_mean)
-    sizes = [np.array(c.sizes).reshape(-1, 3) for c in compress(campaigns, counted(campaigns))]
-    if len(sizes) < FOLDS:
-        raise AnalysisError(
-            f"calibration needs {FOLDS} campaigns in its figures, got {len(sizes)}: run more"
-        )
     fold = np.arange(len(sizes)) % FOLDS
     held = []
     for f in range(FOLDS):

@@ -122,7 +122,7 @@ def covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
     for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
         entry = (cause.get("parameters") or {}).get(name) or {}
         interval, true = entry.get("ci90"), _value(true_effect, name)
-        if interval is not None and is_number(true):
+        if interval is not None and all(map(is_number, (true, *interval))):
             held.append(bool(interval[0] <= true <= interval[1]))
     return tuple(held)
 

@@ -215,7 +215,10 @@ class Streams:
         self._state.publish(encode_joint_state(sample))
 
     def _try_regime(self) -> None:
-        """Publish the regime of the deliveries since the last call, if any; log a failure."""
+        """Publish the regime of the deliveries since the last call, if any.
+
+        A failure is logged, and ``onward`` does not get these deliveries.
+        """
         batch, self._batch = self._batch, []
         if not batch:
             return

@@ -72,6 +72,7 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     for run in runs:
         _check_filled(run, shaft)
     noise, sensors = top.take("noise"), top.take("sensors")
+    # Checked before a run is read; both go to campaign.yaml as they stand.
     noise_share("the spec", noise)
     sensor_values("the spec", sensors)
     return ImportSpec(top.text("rig"), nominal, shaft, offset, runs, noise, sensors)
