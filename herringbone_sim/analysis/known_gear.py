@@ -13,7 +13,7 @@ from herringbone_sim.analysis.pipeline import Gear
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.integrate import largest_exponent
-from herringbone_sim.core.model import Model, build, initial_state, state
+from herringbone_sim.core.model import Model, build, initial_state, state, with_added_states
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
@@ -91,7 +91,7 @@ def _exponent(
         cycles = int(np.clip(len(section) - ALIGNING_CYCLES, LEAST_CYCLES, MOST_CYCLES))
         gear_stepper = stepper(model, sets[int(point.get(EFFECTS, 0.0))])
         start = gear_stepper.start()
-        y = np.concatenate([y, start.y[len(y) :]])  # states added by effects start at rest
+        y = with_added_states(gear_stepper.model, y)
         start = replace(start, y=y, cycle=int(section.cycles[0]))
         return largest_exponent(gear_stepper.model, cycles, ALIGNING_CYCLES, start)
     except (ParameterError, DivergenceError):

@@ -96,8 +96,9 @@ def _period_shares(branch: Branch) -> str:
 
 
 def _is_number(name: str) -> bool:
-    """Whether a parameter is one value, not one for each mesh; ParameterError if unknown."""
-    return bool(meaning(name)) and not isinstance(getattr(Parameters, name), tuple)
+    """Whether a parameter is one number, no text and no list; ParameterError if unknown."""
+    meaning(name)  # raises if unknown
+    return isinstance(getattr(Parameters, name), (int, float))
 
 
 @any_gear()
@@ -128,7 +129,9 @@ def bifurcation(
         ParameterError: not exactly one sequence, a value out of range, or no such start.
         AnalysisError: ``folder`` holds another sweep, or can't be written.
     """
-    swept = {name: given for name, given in values.items() if np.ndim(given) and _is_number(name)}
+    swept = {
+        name: given for name, given in values.items() if np.ndim(given) == 1 and _is_number(name)
+    }
     if len(swept) != 1:
         raise ParameterError(
             "a bifurcation diagram goes over one parameter that is a number, got sequences for "

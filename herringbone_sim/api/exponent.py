@@ -27,13 +27,13 @@ def largest_exponent(
 
     Args:
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
-        cycles: mesh cycles averaged over.
+        cycles: mesh cycles averaged over, at least 2.
         transient: mesh cycles discarded first.
         effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         changes: parameters by name.
 
     Raises:
-        ParameterError: a value out of range, or no such effect.
+        ParameterError: fewer than 2 cycles, a value out of range, or no such effect.
         DivergenceError: the motion diverges.
     """
     return integrate.largest_exponent(model_of(gear, effects, changes), cycles, transient)

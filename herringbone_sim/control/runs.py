@@ -10,7 +10,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, with_added_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import acting, build_with
@@ -147,8 +147,7 @@ class MotionRunner:
         """
         self._planned(len(sets))
         built = next((model for model in map(self._model, sets) if model is not None), None)
-        more = built.n_state - starts.shape[1] if built else 0
-        starts = np.pad(starts, ((0, 0), (0, more)))
+        starts = with_added_states(built, starts) if built else starts
         slices = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
         chunks = [self._chunk(sets[rows], starts[rows], settings) for rows in slices]
         return Motions(**self._chunks.arrays([chunks])[0])
@@ -185,13 +184,12 @@ def _fill(
 ) -> None:
     """Integrate gears and write their motions into the given rows of ``motions``."""
     length = (settings.transient, settings.cycles, settings.cycles, settings.exponents)
-    batch = run_batch(models, starts, *length)
-    sections = batch.sections[..., : models[0].layout.n_state]
-    motions.period[rows] = find_periods(sections, settings.max_period)
+    batch = run_batch(models, starts, *length).of_gear(models[0].layout)
+    motions.period[rows] = find_periods(batch.sections, settings.max_period)
     for name in ("exponent", "exponent_error"):
         getattr(motions, name)[rows] = getattr(batch, f"{name}s")
     motions.within[rows], motions.transverse[rows] = batch.within, batch.transverse
-    motions.asymmetry[rows] = asymmetries(sections)
+    motions.asymmetry[rows] = asymmetries(batch.sections)
     motions.contact_loss[rows] = contact_loss(batch.contact)
     motions.apart[rows] = batch.contact[:, :, 1].mean(axis=1)
     motions.end[rows] = batch.end

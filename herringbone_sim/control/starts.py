@@ -9,9 +9,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.control.runs import MotionRunner, RunSettings
-from herringbone_sim.core.model import initial_state
+from herringbone_sim.core.model import initial_state, state, with_added_states
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.basins import random_starts, state_at
+from herringbone_sim.dynamics.basins import random_starts
 
 SETTLE = RunSettings(transient=800, cycles=1)
 
@@ -21,8 +21,9 @@ class Starts:
     """Kinds and numbers of states at phase 0 at which a control is switched on.
 
     ``zero``: the initial state of the gear, which the paper seems to use. ``running``: the state
-    after 800 mesh cycles without control, or a little more. ``alike``: random with left = right.
-    ``parted``: random, left and right drawn independently.
+    without control after the whole periods of the effects that contain 800 mesh cycles, and one
+    more. ``alike``: random with left = right. ``parted``: random, left and right drawn
+    independently.
 
     Attributes:
         alike, parted: number of states of these kinds.
@@ -47,8 +48,8 @@ class Starts:
 def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Starts) -> Array:
     """States (n, n_start, n_state) at phase 0 of n gears, in the order of ``Starts.names``.
 
-    At all of them the effects are at the phase of mesh cycle 0. NaN where the run without control
-    failed.
+    At all of them the effects, if they have a period, are at the phase of mesh cycle 0. NaN where
+    the run without control failed.
     """
     models = [runner.build(p) for p in sets]
     columns = [np.array([initial_state(model) for model in models])]
@@ -61,13 +62,11 @@ def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Start
     n_class = models[0].layout.n_classes
     for _ in range(starts.alike):
         x, v = np.tile(rng.uniform(-starts.reach, starts.reach, (2, 2, 1, n_class)), (1, 1, 2, 1))
-        columns.append(np.array([state_at(model, x.ravel(), v.ravel()) for model in models]))
+        columns.append(np.array([state(model, x.ravel(), v.ravel(), 0.0) for model in models]))
     for i in range(starts.parted):
         seed = [starts.seed, 1 + i]
         draws = (np.random.default_rng(seed) for _ in models)
         pairs = zip(models, draws, strict=True)
         columns.append(np.array([random_starts(m, 1, g, starts.reach)[0] for m, g in pairs]))
-    n = models[0].n_state  # with states that effects add, at rest unless the gear was running
-    return np.stack(
-        [np.pad(states, ((0, 0), (0, n - states.shape[1]))) for states in columns], axis=1
-    )
+    # States that effects add are at rest, unless the gear was running.
+    return np.stack([with_added_states(models[0], states) for states in columns], axis=1)

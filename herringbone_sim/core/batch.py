@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.integrate import stepper
+from herringbone_sim.core.integrate import batch_edges, stepper
 from herringbone_sim.core.lanes.packed import (
     chosen_own,
     constants,
@@ -37,8 +37,6 @@ from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.sensitivity import Direction, Directions, near_of
 
 Indices = NDArray[np.int64]
-
-BATCHES = 10
 
 
 @dataclass(frozen=True)
@@ -71,6 +69,10 @@ class Batch:
     reasons: tuple[str, ...]
     columns: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
+    def of_gear(self, layout: Layout) -> Batch:
+        """Return the batch with ``sections`` (n, points, n_state) alone, without added states."""
+        return replace(self, sections=self.sections[..., : layout.n_state])
+
 
 @dataclass(frozen=True)
 class _Length:
@@ -83,13 +85,12 @@ class _Length:
 
     @property
     def batches(self) -> int:
-        return min(BATCHES, self.cycles)
+        return len(self.edges) - 1
 
     @property
     def edges(self) -> Indices:
-        """(batches + 1,) observed cycles at which batches begin and end, as in the lanes."""
-        edges: Indices = -(-np.arange(self.batches + 1) * self.cycles // self.batches)
-        return edges
+        """(batches + 1,) observed cycles at which batches begin and end."""
+        return batch_edges(self.cycles)
 
 
 def run_batch(

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model, body_displacements, carry_over, initial_state
+from herringbone_sim.core.model import (
+    Model,
+    body_displacements,
+    carry_over,
+    initial_state,
+    with_added_states,
+)
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel, Moving
 from herringbone_sim.core.sensitivity import Direction, Directions, need_series
@@ -24,6 +30,8 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 Indices = NDArray[np.int64]
+
+BATCHES = 10  # of mesh cycles, from whose spread the standard error of an exponent follows
 
 
 @dataclass(frozen=True)
@@ -125,9 +133,9 @@ class Stepper:
 
         States that effects add are at rest.
         """
-        n, m = self.model.n_state, self.model.layout.n_state
+        n = self.model.n_state
         frame = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0][:tangents]
-        y = np.concatenate([initial_state(self.model), np.zeros(n - m)])
+        y = with_added_states(self.model, initial_state(self.model))
         columns = np.zeros((len(self._directions.step) if self._directions else 0, n))
         return State(y, 0, 0, 0.0, frame.copy(), np.zeros(tangents), columns)
 
@@ -313,6 +321,20 @@ def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[Tim
     return TimeSeries(block.rows[:, 0].copy(), block.rows, model.layout.channels), block.end
 
 
+def batch_edges(cycles: int) -> Indices:
+    """Return the observed cycles at which batches begin and end, as in the lanes.
+
+    Args:
+        cycles: mesh cycles observed, at least 1.
+
+    Returns:
+        (batches + 1,) from 0 to ``cycles``; 10 batches, or of a cycle each if there are fewer.
+    """
+    n = min(BATCHES, cycles)
+    edges: Indices = -(-np.arange(n + 1) * cycles // n)
+    return edges
+
+
 def largest_exponent(
     model: Model, cycles: int = 500, transient: int = 200, state: State | None = None
 ) -> tuple[float, float]:
@@ -339,8 +361,7 @@ def largest_exponent(
     if state is not None:
         now = replace(state, tangents=now.tangents, growth=now.growth)
     growth = []
-    batches = min(10, cycles)
-    lengths = np.diff(np.arange(batches + 1) * cycles // batches)
+    lengths = np.diff(batch_edges(cycles))
     for length in (transient, *lengths):
         block = gear_stepper.advance(now, int(length) * n)
         if block.diverged:

@@ -111,6 +111,9 @@ def describe(channel: str) -> dict[str, str]:
     """
     prefix, _, rest = channel.partition("_")
     if channel.startswith("F_pin"):
-        prefix, rest = "pin", rest.removeprefix("pin") or "(all alike)"
+        planet = rest.removeprefix("pin")
+        if planet and not planet.isdecimal():
+            raise KeyError(channel)
+        prefix, rest = "pin", planet or "(all alike)"
     meaning = MEANINGS[channel] if channel in MEANINGS else f"{MEANINGS[prefix]} {rest}"
     return {"name": channel, "unit": unit_of(channel), "meaning": meaning}

@@ -264,6 +264,15 @@ def initial_state(model: Model) -> Array:
     return y
 
 
+def with_added_states(model: Model, y: Array) -> Array:
+    """Return states y (..., <= n_state) with the states that effects add, at rest if left out.
+
+    Zeros are appended up to ``Model.n_state``; ValueError if y is longer.
+    """
+    rest = np.zeros((*y.shape[:-1], model.n_state - y.shape[-1]))
+    return np.concatenate([y, rest], axis=-1)
+
+
 def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
     """Return the state of a changed gear with the same relative displacements and velocities.
 

@@ -135,21 +135,13 @@ def gear_sections(
 
 
 def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float = 1.0) -> Array:
-    """Draw n random initial states (n, n_state) at phase 0.
+    """Draw n random initial states (n, n_state) at phase 0, without those that effects add.
 
     x (in b_c) and v (in b_c omega_n) of each mesh are uniform in -reach .. reach, left and right
     independently.
     """
     x, v = rng.uniform(-reach, reach, (2, n, model.layout.n_mesh))
-    return np.array([state_at(model, *start) for start in zip(x, v, strict=True)])
-
-
-def state_at(model: Model, x: Array, v: Array) -> Array:
-    """State (n_state,) at phase 0 with given relative displacements x and velocities v (n_mesh,).
-
-    States that effects add are not contained.
-    """
-    return state(model, x, v, 0.0)
+    return np.array([state(model, *start, 0.0) for start in zip(x, v, strict=True)])
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
@@ -164,7 +156,7 @@ def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array
     c, m = model.layout.n_classes, model.layout.n_mesh
     side = np.tile(np.repeat([0.5, -0.5], c), 2)
     starts = [
-        state_at(model, shared + difference * side, np.zeros(m))
+        state(model, shared + difference * side, np.zeros(m), 0.0)
         for difference in axis
         for shared in axis
     ]

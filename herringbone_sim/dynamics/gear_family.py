@@ -52,12 +52,12 @@ def gear_family(
 ) -> tuple[Family, Watch]:
     """Return the flows of a gear over a parameter range, and its count of backlash-edge crossings.
 
-    The family has a left-right symmetry if the halves are equal at both ends and in the middle of
-    the range. The count is for ``boundaries.find_boundaries``.
+    The family has a left-right symmetry if the halves are equal at three values of the range, both
+    ends and the middle. The count is for ``boundaries.find_boundaries``.
 
     Raises:
-        ParameterError: an empty range, an end of it that no gear can have, or an unknown
-            parameter.
+        ParameterError: an empty range, an end or the middle of it that no gear can have, or an
+            unknown parameter.
     """
     if not low < high:
         raise ParameterError(f"the range of {name} must ascend, got {low:g} .. {high:g}")

@@ -55,6 +55,9 @@ def border_passes(flow: Flow, points: Array, mirror: Indices | None = None) -> P
 def section(flow: Flow, points: Array) -> tuple[Array, Array]:
     """Relative displacements and velocities of the meshes at the states (period, n) of an orbit.
 
+    As the channels x_ and v_: without displacements that effects add, which ``border_passes``
+    includes.
+
     Returns:
         Two arrays (period, n_mesh), in units of b_c and b_c omega_n.
 

@@ -109,4 +109,4 @@ def _run(request: Request) -> Batch:
     models = [build_with(parameters, request.effects) for parameters in request.sets]
     before = np.full(len(models), request.before)
     batch = run_batch(models, request.starts, *request.length, before=before)
-    return replace(batch, sections=batch.sections[..., : models[0].layout.n_state])
+    return batch.of_gear(models[0].layout)

@@ -28,7 +28,7 @@ from herringbone_sim.version import VERSION
 Arrays = dict[str, Any]
 
 # Folders whose code determines results, or which of them are stored.
-ROOMS = ("core", "analysis", "effects", "sweeps", "dynamics", "control", "paper")
+RESULT_ROOMS = ("core", "analysis", "effects", "sweeps", "dynamics", "control", "paper")
 CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
@@ -104,7 +104,7 @@ def print_above_bar(text: str) -> None:
 def _sources() -> tuple[str, ...]:
     """Digests of the folders of this package whose code determines the results."""
     package = Path(__file__).parents[1]
-    return tuple(cache.digest(package / room) for room in ROOMS)
+    return tuple(cache.digest(package / room) for room in RESULT_ROOMS)
 
 
 def _plain(part: Any) -> Any:

@@ -23,7 +23,7 @@ A failed value is NaN in all but its index, its axes and its reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -92,7 +92,7 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
     if all_models:
         gears = [assemble(model, actives) for model in all_models]
         batch = run_batch(gears, np.concatenate(starts), *length, before=before)
-        batch = replace(batch, sections=batch.sections[..., : gears[0].layout.n_state])
+        batch = batch.of_gear(gears[0].layout)
         longest = MAX_PERIOD * max(effect_cycles(gear) for gear in gears)
     first = 0
     for request, table, (built, reasons), chosen in zip(

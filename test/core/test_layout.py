@@ -69,6 +69,7 @@ def test_sensors_that_no_run_of_the_node_records_are_described_too():
         "unit": "N",
         "meaning": "sum of the normal mesh forces of both halves of planet 2",
     }
+    assert describe("F_pin")["meaning"].endswith("planet (all alike)")
     assert describe("a_s_L")["meaning"] == "angular acceleration times base radius of body s_L"
     for name in (*FULL.channels_of("a"), *REDUCED.channels_of("pin")):
         assert describe(name)["unit"] == unit_of(name)
@@ -77,3 +78,9 @@ def test_sensors_that_no_run_of_the_node_records_are_described_too():
 def test_a_foreign_name_has_no_unit():
     with pytest.raises(KeyError):
         unit_of("temperature_1")
+
+
+@pytest.mark.parametrize("name", ["temperature_1", "F_pinx", "F_pin_L"])
+def test_a_foreign_name_has_no_meaning(name):
+    with pytest.raises(KeyError):
+        describe(name)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import dimensionless, samples, state_at
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli.control_parts import Size
@@ -94,7 +95,8 @@ def test_an_orbit_is_in_contact_as_the_kernel_says(text: str) -> None:
         (x > model.packed.b).mean(axis=0), batch.contact[0, :, 2], atol=0.02
     )
     assert sum(border_passes(flow, points, symmetry(model)).values()) > 0
-    assert section(flow, points)[0].shape == (1, model.layout.n_mesh)
+    channels = dimensionless(model, samples(model, 1, state_at(points[0])).rows[0])
+    np.testing.assert_allclose(np.hstack(section(flow, points)), channels[None], atol=1e-12)
 
 
 def test_a_family_is_symmetric_only_if_it_is_so_within_its_range_too() -> None:

@@ -105,6 +105,8 @@ def test_a_diagram_takes_a_parameter_that_is_a_list_beside_the_swept_one():
         ({"delta_T": [10.0, 20.0], "start": "sideways"}, "start must be of"),
         ({"delta_T": [20.0, 10.0]}, "must be finite and increase"),
         ({"k_factor": (1.0, 1.0, 1.0, 1.0)}, "over one parameter that is a number"),
+        ({"delta_T": np.zeros((2, 2))}, "over one parameter that is a number"),
+        ({"model": ["a", "b"]}, "over one parameter that is a number"),
     ],
 )
 def test_a_diagram_that_cannot_be_is_refused(given, message):

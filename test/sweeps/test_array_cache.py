@@ -107,7 +107,7 @@ def test_what_decides_what_is_stored_is_among_the_sources():
     """``effect_cycles`` how long a run is, ``control.runs`` what is kept of it."""
     package = Path(array_cache.__file__).parents[1]
     array_cache._sources.cache_clear()
-    for room in ("core", "effects", "dynamics", "control", "paper"):
+    for room in ("core", "analysis", "effects", "sweeps", "dynamics", "control", "paper"):
         assert cache.digest(package / room) in array_cache._sources()
 
 
