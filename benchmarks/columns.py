@@ -15,6 +15,7 @@ from benchmarks.effects import best, gear
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.parameters import ParameterWarning
+from herringbone_sim.core.sensitivity import Directions
 from herringbone_sim.effects.sensitivity import directions
 
 NAMES = ("delta_T", "xi", "T_1", "k_factor[0]", "e_m", "mean_stiffness@rp:factor")
@@ -32,10 +33,10 @@ def row(text: str, kind: str) -> tuple[list[float], list[float]]:
         stepper = Stepper(model, along)
         start = replace(stepper.start(tangents), y=y, cycle=CYCLES)
         times.append(best(lambda s=stepper, b=start: s.advance(b, n), ROUNDS) / CYCLES)
-    models, starts = [model] * VALUES, np.tile(y, (VALUES, 1))
-    lanes = []
-    for options in ({}, {"exponents": True}, {"directions": [wanted] * VALUES}):
-        went = best(lambda o=options: run_batch(models, starts, 0, CYCLES, 1, **o), ROUNDS)
+    starts, lanes = np.tile(y, (VALUES, 1)), []
+    for one, tangent in ((model, False), (model, True), (Directions(model, wanted), False)):
+        models = [one] * VALUES
+        went = best(lambda m=models, t=tangent: run_batch(m, starts, 0, CYCLES, 1, t), ROUNDS)
         lanes.append(went / VALUES / CYCLES)
     return apart(times), apart(lanes)
 

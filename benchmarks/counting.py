@@ -177,7 +177,7 @@ def of_stepper(start: Array, order: int, steps: int) -> dict[str, float]:
 
     def cycle() -> None:
         for i in range(CYCLES * steps):
-            orbit.grid_step(run.move_plain, one, i // steps, i % steps)
+            orbit.grid_step(run.move_linear, one, i // steps, i % steps)
 
     return per_cycle(tally(cycle), CYCLES)
 

@@ -131,22 +131,24 @@ def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[floa
     actives = read_effects(text)
     at = (lambda model: model) if slots else (lambda model: by_laws(model, actives))
     exact, machine = Stepper(gear(text, order=16, steps_per_cycle=48)), stepper(at(gear(text)))
-    y, _ = exact.cross(exact.start().y, np.zeros((0, exact.model.n_state)), 0, 60)
+    y, _ = exact.advance_cycles(exact.start().y, np.zeros((0, exact.model.n_state)), 0, 60)
 
     def same(state: Array) -> Array:
         """A state of the exact gear as the other one orders it."""
         rest = np.zeros(machine.model.n_state - exact.model.layout.n_state)
         whole = np.concatenate([state[: exact.model.layout.n_state], rest])
-        return machine.with_own(whole, exact.own(state))
+        return machine.with_added_values(whole, exact.added_states(state))
 
     start, size = same(y), machine.model.n_state
     none, frame = np.zeros((0, size)), np.eye(size)
-    after = exact.cross(y, np.zeros((0, y.size)), 60, CYCLES)[0]
-    wrong = machine.cross(start, none, 60, CYCLES)[0] - same(after)
-    wanted = [same(row) for row in exact.cross(y, np.eye(y.size), 60, 1)[1]]
-    found = machine.cross(start, np.array([same(row) for row in np.eye(y.size)]), 60, 1)[1]
+    after = exact.advance_cycles(y, np.zeros((0, y.size)), 60, CYCLES)[0]
+    wrong = machine.advance_cycles(start, none, 60, CYCLES)[0] - same(after)
+    wanted = [same(row) for row in exact.advance_cycles(y, np.eye(y.size), 60, 1)[1]]
+    found = machine.advance_cycles(start, np.array([same(row) for row in np.eye(y.size)]), 60, 1)[
+        1
+    ]
     times = [
-        best(partial(machine.cross, start, tangents, 60, CYCLES), rounds) / CYCLES
+        best(partial(machine.advance_cycles, start, tangents, 60, CYCLES), rounds) / CYCLES
         for tangents in (none, frame[:1])
     ]
     few = [at(gear(text, delta_T=value)) for value in np.linspace(0.0, 100.0, FEW)]
@@ -193,10 +195,12 @@ def print_reference() -> None:
     for text in EFFECTS:
         model, actives = gear(text), read_effects(text)
         machine, n, first = Stepper(model), model.layout.n_state, 200
-        start = machine.cross(machine.start().y, np.zeros((0, model.n_state)), 0, first)[0]
+        start = machine.advance_cycles(machine.start().y, np.zeros((0, model.n_state)), 0, first)[
+            0
+        ]
         begin = replace(machine.start(), y=start, cycle=first)
         found = machine.advance(begin, CYCLES * model.parameters.samples_per_cycle)
-        own = Reference(model, actives).n_own
+        own = Reference(model, actives).n_added_states
         wanted = integrate(model, actives, in_si(model, start, own), first, CYCLES)
         error = float(np.abs(in_si(model, found.end.y, own)[:n] - wanted[:n]).max())
         print(f"| {text or 'none'} | {error:.0e} | {found.switches} |", flush=True)

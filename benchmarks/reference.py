@@ -20,7 +20,7 @@ from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
-from herringbone_sim.effects.run import at_instant, slope_of
+from herringbone_sim.effects.run import forces_of_state, slope_of
 
 Array = NDArray[np.float64]
 PLAY = 2
@@ -34,7 +34,7 @@ class Reference:
         self._bare, g = model.bare, self._gear
         self._head = (g.e, g.site, g.theta, g.gear, model.bare, g.si, g.now)
         self.unit = g.unit
-        self.n_own = g.unit.size - model.layout.n_state
+        self.n_added_states = g.unit.size - model.layout.n_state
 
     def slope(self, tau: float, y: Array) -> Array:
         phase, cycle = self._place(tau)
@@ -47,7 +47,7 @@ class Reference:
         phase, cycle = self._place(tau)
         w = self._gear.w
         self._gear.now[0] = 2 * np.pi * cycle + phase
-        at_instant(*self._head, y, w, self._gear.g)
+        forces_of_state(*self._head, y, w, self._gear.g)
         return np.concatenate([(w.x - w.law[PLAY]) * 1e5, (w.x + w.law[PLAY]) * 1e5, w.force])
 
     def _place(self, tau: float) -> tuple[float, int]:
@@ -56,13 +56,13 @@ class Reference:
         return 2 * np.pi * (turn - cycle), cycle
 
 
-def in_si(model: Model, y: Array, n_own: int) -> Array:
+def in_si(model: Model, y: Array, n_added_states: int) -> Array:
     """The state as the effects' own laws take it: further coordinates in pairs, SI units.
 
     Pins and rings that do not move have states there, and none in the slots.
     """
-    n, s, scales = model.layout.n_state, model.n_own, model.scales
-    own: Array = np.zeros(n_own)
+    n, s, scales = model.layout.n_state, model.n_added_coordinates, model.scales
+    own: Array = np.zeros(n_added_states)
     own[: 2 * s : 2] = y[n : n + s] * scales.b_c
     own[1 : 2 * s : 2] = y[n + s :] * scales.velocity_m_per_s
     return np.concatenate([y[:n], own])

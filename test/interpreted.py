@@ -25,6 +25,7 @@ from herringbone_sim.core.lanes import switching as lane_switching
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.mirror import state_mirror
 from herringbone_sim.core.run import Kernel
+from herringbone_sim.core.sensitivity import Directions
 from herringbone_sim.core.switching import leaves_at
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.sensitivity import directions
@@ -198,9 +199,8 @@ def lanes_with_columns(cases):
         y = np.linspace(-0.4, 0.4, gear.n_state)
         if name == "powers":
             y = 0.5 * (y + y[state_mirror(gear)])
-        found[f"column_lanes_{name}"] = run_batch(
-            [gear], y[None], 0, 1, 1, directions=[wanted]
-        ).columns
+        batch = run_batch([Directions(gear, wanted)], y[None], 0, 1, 1)
+        found[f"column_lanes_{name}"] = batch.columns
     return found
 
 
@@ -239,7 +239,7 @@ def with_effects(cases):
         parts = [block.rows, block.end.y, block.end.growth, block.end.tangents]
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.n_state)[: len(start.tangents)]
-        Kernel(model).cross(y, tangents, 0, 1)
+        Kernel(model).advance_cycles(y, tangents, 0, 1)
         found[f"effects_{name}"] = np.concatenate([part.ravel() for part in (*parts, y, tangents)])
     return found
 
@@ -251,7 +251,7 @@ def whole_cycles(cases):
         stepper, start, _ = cases[name]
         model = stepper.model
         y, tangents = start.y.copy(), np.eye(model.layout.n_state)
-        Kernel(model).cross(y, tangents, 0, 2)
+        Kernel(model).advance_cycles(y, tangents, 0, 2)
         found[f"cycles_{name}"] = np.vstack([y, tangents])
     return found
 

@@ -39,7 +39,7 @@ def run_by_laws() -> np.ndarray:
     machine = LawStepper(by_laws(model, read_effects(TEXT)))
     start = machine.start(tangents=2)
     block = machine.advance(start, 32)
-    y, tangents = machine.cross(start.y, start.tangents, 3, 1)
+    y, tangents = machine.advance_cycles(start.y, start.tangents, 3, 1)
     parts = [block.rows, block.end.y, block.end.tangents, block.contact, y, tangents]
     assert block.switches > 2
     return np.concatenate([part.ravel() for part in parts])

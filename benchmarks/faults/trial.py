@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-HANG_S = 10.0
+# The benchmark promises 10; a busy machine may take longer.
+HANG_S = float(os.environ.get("HERRINGBONE_HANG_S", "10"))
 MOST_BYTES = 1 << 30
 MOST_LOST_S = 0.5
 

@@ -13,16 +13,20 @@ import numpy as np
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
-from herringbone_sim.effects.assemble import in_slots
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import Branch, Diagram, diagram_of
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, STARTS, Axis, Observation, Sweep, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    STARTS,
+    Axis,
+    Observation,
+    Sweep,
+    default_chunk,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
-
-SMALL = 16  # values in a part of a continuation, or of a gear that is not integrated in lanes
 
 
 @dataclass(frozen=True, repr=False)
@@ -148,7 +152,7 @@ def bifurcation(
     with tempfile.TemporaryDirectory() as unkept:
         stores = []
         for way in starts:
-            chunk = CHUNK if way == "fixed" and in_slots(actives) else SMALL
+            chunk = default_chunk(base, actives, way)
             sweep = Sweep(base, (axis,), look, way, chunk, effects_text(actives))
             stores.append(open_store(Path(folder or unkept) / way, sweep))
         run_stores(stores)

@@ -144,13 +144,13 @@ def ways_of(
     """Sweeps of a gear by way to reach a value: those of ``start``, and ``random 1``, ..."""
     base, actives = gear
     effects = effects_text(actives)
-    sweeps = {
-        way: Sweep(base, (axis,), observation, way, chunk_from(chunks, way, effects), effects)
-        for way in WAYS[options.start]
-    }
+    sweeps = {}
+    for way in WAYS[options.start]:
+        chunk = chunk_from(chunks, (base, effects), way)
+        sweeps[way] = Sweep(base, (axis,), observation, way, chunk, effects)
     for i in range(1, options.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
-        chunk = chunk_from(chunks, effects=effects)
+        chunk = chunk_from(chunks, (random, effects))
         sweeps[f"random {i}"] = Sweep(random, (axis,), observation, "fixed", chunk, effects)
     return sweeps
 

@@ -19,10 +19,10 @@ from cyclopts import Parameter
 from herringbone_sim.cli.options import Folder, Names, Numbers, Pool, Seeds, flattened
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.practice.bench import read_json, run_bench
+from herringbone_sim.practice.channels import CHANNEL_SETS
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.overview import overview_markdown
 from herringbone_sim.practice.pool import Resources
-from herringbone_sim.practice.record import CHANNEL_SETS
 from herringbone_sim.practice.score import write_table
 from herringbone_sim.practice.seeds import SeedOverlap, check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench

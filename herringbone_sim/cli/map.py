@@ -73,7 +73,7 @@ def run(
         )
     base, effects = swept_gear(gear)
     observation = observation_of_gear(sweep, (base, effects), axes, mesh="")
-    chunk = chunk_from(sweep, effects=effects)
+    chunk = chunk_from(sweep, (base, effects))
     store = open_store(out, Sweep(base, axes, observation, start, chunk, effects))
     run_all([store], sweep)
     result = load_result(store)

@@ -16,8 +16,9 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
 from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError, RecordingError
+from herringbone_sim.recording.hidden_effects import hidden_effects
 from herringbone_sim.recording.parameter_file import load_gear
-from herringbone_sim.recording.rig import RigPlan, hidden_effects, make_campaign, write_label
+from herringbone_sim.recording.rig import RigPlan, make_campaign, write_label
 
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/ripple --effect runout@rp:amplitude=2e-5,member=ring

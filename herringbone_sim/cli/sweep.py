@@ -75,7 +75,7 @@ def run(
     observation = observation_of_gear(sweep, (base, effects), axes, mesh)
     stores = []
     for way in WAYS[start]:
-        chunk = chunk_from(sweep, way, effects)
+        chunk = chunk_from(sweep, (base, effects), way)
         stores.append(open_store(out / way, Sweep(base, axes, observation, way, chunk, effects)))
     run_all(stores, sweep)
     for store in stores:

@@ -19,15 +19,20 @@ from herringbone_sim.cli.parameter_options import (
 )
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
-from herringbone_sim.effects.assemble import build_with, in_slots
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, Axis, Observation, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    CHUNK,
+    SMALL_CHUNK,
+    Axis,
+    Observation,
+    default_chunk,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.store import Result, Store
 
-CHAIN = 16  # values stored together in a continuation
-SINGLE = 16  # the same for a gear that is not integrated in lanes
 LEAST_SHARE = 5e-4  # fraction of the values; rarer periods are not printed
 REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a motion of two is detected too
 LONGEST = 100  # longest period of the effects [mesh cycles] of which REPEATS are observed
@@ -48,24 +53,21 @@ class SweepOptions:
     no_exponents: Annotated[bool, "compute no Lyapunov exponents"] = False
     chunk: Annotated[
         Count | None,
-        f"values computed and stored together (default: {CHUNK}; {CHAIN} in a continuation; "
-        f"{SINGLE} with an effect that no slot holds)",
+        f"values computed and stored together (default: {CHUNK}; {SMALL_CHUNK} in a continuation, "
+        "and with effects that only their own laws describe, which are slower)",
     ] = None
     workers: Annotated[Count | None, limits(gte=1), "cores of this machine (default: all)"] = None
     scheduler: Scheduler = None
 
 
-def chunk_from(options: SweepOptions, start: str = "fixed", effects: str = "") -> int:
-    """Number of values of a sweep that are computed and stored together.
+def chunk_from(options: SweepOptions, gear: tuple[Parameters, str], start: str = "fixed") -> int:
+    """Number of values of a sweep stored together: that of ``--chunk``, else ``default_chunk``.
 
-    That of ``--chunk``, else a default of a few seconds: smaller for a continuation, or for
-    effects (as text) that no slot of the kernel holds.
+    ``gear``: parameters, and effects as text. ParameterError as ``default_chunk``.
     """
     if options.chunk is not None:
         return options.chunk
-    if start != "fixed":
-        return CHAIN
-    return CHUNK if in_slots(read_effects(effects)) else SINGLE
+    return default_chunk(gear[0], read_effects(gear[1]), start)
 
 
 def swept_gear(gear: GearOptions) -> tuple[Parameters, str]:

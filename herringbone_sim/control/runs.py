@@ -13,8 +13,9 @@ from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, with_added_states
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
-from herringbone_sim.effects.assemble import acting, build_with
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.gear import acting
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.array_cache import ArrayCache

@@ -18,23 +18,23 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import batch_edges, stepper
 from herringbone_sim.core.lanes.packed import (
-    chosen_own,
     constants,
+    integrated_added,
     make_work,
-    shape_of,
+    sizes_of,
 )
-from herringbone_sim.core.lanes.run import Results, Values, run_any_lanes, run_lanes
+from herringbone_sim.core.lanes.run import Results, Values, run_linear_lanes, run_nonlinear_lanes
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.mirror import (
     from_left_half,
     has_equal_halves,
     left_half,
-    own_images,
+    self_mirrored,
     state_mirror,
 )
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.core.sensitivity import Direction, Directions, near_of
+from herringbone_sim.core.sensitivity import Directions, neighbours_of
 
 Indices = NDArray[np.int64]
 
@@ -56,7 +56,7 @@ class Batch:
             contact; with method rk4, of the samples.
         reasons: n texts, empty, or ``diverged``.
         columns: (n, p, n_state + 2 s) derivatives of ``end`` with respect to p parameters, zero
-            at the start, see ``sensitivity``; empty without ``directions``.
+            at the start, see ``sensitivity``; empty without ``Directions``.
     """
 
     sections: Array
@@ -94,14 +94,13 @@ class _Length:
 
 
 def run_batch(
-    models: Sequence[Model],
+    models: Sequence[Model] | Sequence[Directions],
     starts: Array | None = None,
     transient: int = 300,
     cycles: int = 100,
     points: int = 100,
     exponents: bool = False,
     before: Indices | None = None,
-    directions: Sequence[Sequence[Direction]] | None = None,
 ) -> Batch:
     """Integrate every model for ``transient`` and then ``cycles`` mesh cycles.
 
@@ -109,7 +108,8 @@ def run_batch(
     largest exponent is the larger of ``within`` and ``transverse``.
 
     Args:
-        models: n models of one layout, order and method, at least one.
+        models: n models of one layout, order and method, at least one; or each with the same
+            number p of parameters to differentiate ``end`` by, as ``sensitivity.Directions``.
         starts: (n, n_state) states at phase 0, dimensionless, or (n, n_state + 2 s) with the s
             coordinates that effects add, which are otherwise at rest; by default the initial
             states of the models. NaN counts as 0.
@@ -119,12 +119,12 @@ def run_batch(
         exponents: whether to compute Lyapunov exponents.
         before: (n,) mesh cycles before ``starts``, 0 by default: they set the phase of forcing
             that does not repeat every mesh cycle, as of effects once a revolution.
-        directions: for each model the same number p of parameters to differentiate ``end`` by.
 
     Raises:
         ValueError: the models differ in layout, order or method, or the lengths are invalid.
-        ParameterError: a derivative that can't be computed, see ``sensitivity.Directions``.
     """
+    along = [one for one in models if isinstance(one, Directions)]
+    models = [one.model if isinstance(one, Directions) else one for one in models]
     _check(models, transient, cycles, points)
     layout = models[0].layout
     if starts is None:
@@ -133,10 +133,9 @@ def run_batch(
     rest = np.zeros((len(models), max(n_all - starts.shape[1], 0)))
     starts = np.nan_to_num(np.concatenate([starts, rest], axis=1))
     found = _empty(len(models), points, layout, n_all)
-    along: list[Directions] = []
-    if directions is not None:
-        along = [Directions(*pair) for pair in zip(models, directions, strict=True)]
-        found = replace(found, columns=np.full((len(models), len(directions[0]), n_all), np.nan))
+    if along:
+        columns = np.full((len(models), len(along[0].step), n_all), np.nan)
+        found = replace(found, columns=columns)
     mirror = state_mirror(models[0])
     equal = np.array(
         [
@@ -211,36 +210,36 @@ def _run_lanes(
     layout, n, order = models[0].layout, len(models), models[0].parameters.order
     taken = left_half(models[0]) if sides == 1 else np.arange(models[0].n_state)
     others = [other for one in along for other in one.models()]
-    shape = shape_of([*models, *others], len(chosen_own(models[0], sides)))
-    every = constants([*models, *others], sides, shape)
+    sizes = sizes_of([*models, *others], len(integrated_added(models[0], sides)))
+    every = constants([*models, *others], sides, sizes)
     table = np.ascontiguousarray(every[:n])
     size, n_mesh = len(taken), layout.n_mesh // 2 * sides
     starts = np.zeros((n, 1 + length.tangents, size))
     starts[:, 0] = begin[0][:, taken]
     starts[:, 1:] = np.random.default_rng(0).normal(size=size)
     if sides == 1 and length.tangents:
-        starts[:, 2, own_images(models[0])] = 0.0
+        starts[:, 2, self_mirrored(models[0])] = 0.0
     sections = np.full((n, length.points, size), np.nan)
     end, contact = np.full((n, size), np.nan), np.full((n, n_mesh, 2), np.nan)
     growth = np.zeros((n, length.batches + 1, length.tangents))
     failed = np.zeros(n, dtype=np.bool_)
-    lanes = run_any_lanes if shape.powers else run_lanes
-    work = make_work(every, shape, n_mesh, sides, order, length.tangents)
-    near = None
+    lanes = run_nonlinear_lanes if sizes.powers else run_linear_lanes
+    work = make_work(every, sizes, n_mesh, sides, order, length.tangents)
+    neighbours = None
     if along:
         zeros = np.zeros((len(along[0].step), begin[0].shape[1]))
         inner = [one.to_kernel(y, zeros) for one, y in zip(along, begin[0], strict=True)]
         columns = np.ascontiguousarray(np.array(inner)[:, :, taken])  # one type at all sizes
-        near = near_of(along, work, every[n:], columns)
+        neighbours = neighbours_of(along, work, every[n:], columns)
     values = Values(
         table, np.array([model.parameters.steps for model in models]), starts, begin[1]
     )
     lanes(
-        ((0,) * sides, (0,) * layout.n_classes, (0,) * shape.extended),
+        ((0,) * sides, (0,) * layout.n_classes, (0,) * sizes.extended),
         work,
-        near,
+        neighbours,
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
-        shape.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
+        sizes.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
         values,
         (length.transient, length.cycles),
         Results(sections, end, growth, contact, failed),
@@ -248,8 +247,8 @@ def _run_lanes(
     whole = from_left_half(models[0]) if sides == 1 else taken
     batch.sections[chosen] = sections[..., whole]
     batch.end[chosen] = end[..., whole]
-    if near is not None:
-        for i, one, columns in zip(chosen, along, near.ends, strict=True):
+    if neighbours is not None:
+        for i, one, columns in zip(chosen, along, neighbours.ends, strict=True):
             batch.columns[i] = one.from_kernel(batch.end[i], columns[:, whole])
         batch.columns[chosen[failed]] = np.nan
     _put_exponents(batch, chosen, models, growth, length)

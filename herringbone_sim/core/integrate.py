@@ -24,7 +24,7 @@ from herringbone_sim.core.model import (
     with_added_states,
 )
 from herringbone_sim.core.packed import TWO_PI
-from herringbone_sim.core.run import Kernel, Moving
+from herringbone_sim.core.run import Kernel, StateArrays
 from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -150,17 +150,17 @@ class Stepper:
         """
         p = self.model.parameters
         rows = np.empty((n_samples, len(self.model.layout.channels)))
-        moving = Moving(
+        arrays = StateArrays(
             y=state.y.copy(),
             tangents=state.tangents.copy(),
             columns=state.columns.copy(),
             growth=state.growth.copy(),
-            place=np.array([state.cycle, state.index], dtype=np.int64),
+            grid_point=np.array([state.cycle, state.index], dtype=np.int64),
         )
-        t, filled, switches, contact = self._sample(moving, state.t, rows)
-        y, tangents, columns, growth, place = moving
+        t, filled, switches, contact = self._sample(arrays, state.t, rows)
+        y, tangents, columns, growth, grid_point = arrays
         stride = p.steps // p.samples_per_cycle
-        end = State(y, int(place[0]), int(place[1]), float(t), tangents, growth, columns)
+        end = State(y, int(grid_point[0]), int(grid_point[1]), float(t), tangents, growth, columns)
         moved = (end.cycle - state.cycle) * p.steps + end.index - state.index
         at = (state.index // stride + np.arange(filled)) % p.samples_per_cycle
         return Block(
@@ -174,15 +174,15 @@ class Stepper:
         )
 
     def _sample(
-        self, moving: Moving, t: float, rows: Array
+        self, arrays: StateArrays, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
-        """Fill rows with samples and advance ``moving`` in place.
+        """Fill rows with samples and advance ``arrays`` in place.
 
         Returns the time of the next sample [s], rows filled, switches and ``Block.contact``.
         """
         contact = np.zeros((self.model.layout.n_mesh, 3), dtype=np.int64)
         rest = self._head(), self._si, self._carrier, rows, contact
-        return (*self._kernel.run(moving, t, rest), contact)
+        return (*self._kernel.run(arrays, t, rest), contact)
 
     def trace(self, state: State, n_samples: int) -> tuple[Array, Array, Array, Indices]:
         """Return states, tangents and columns at the next samples, the first at ``state`` itself.
@@ -196,29 +196,31 @@ class Stepper:
         """
         need_series(self.model, "traces of derivatives")
         p = self.model.parameters
-        place = np.array([state.cycle, state.index], dtype=np.int64)
+        grid_point = np.array([state.cycle, state.index], dtype=np.int64)
         columns = state.columns
         if self._directions and not len(columns):
             columns = np.zeros((len(self._directions.step), len(state.y)))
-        found = self._kernel.trace(state.y, state.tangents, columns, place, n_samples)
+        found = self._kernel.trace(state.y, state.tangents, columns, grid_point, n_samples)
         passed = state.index + p.steps // p.samples_per_cycle * np.arange(n_samples)
         return *found, np.stack([state.cycle + passed // p.steps, passed % p.steps], axis=1)
 
-    def read(self, states: Array, places: Indices) -> Array:
+    def read(self, states: Array, grid_points: Indices) -> Array:
         """Return the samples (n, n_channels), as ``Block.rows``, that given states show.
 
         The time is counted from mesh cycle 0.
 
         Args:
             states: (n, n_state), dimensionless.
-            places: (n, 2) mesh cycle and step index of each state, as from ``trace``.
+            grid_points: (n, 2) mesh cycle and step index of each state, as from ``trace``.
         """
         model = self.model
-        rows = self._kernel.read(states, places, (self._head(), self._si, self._carrier))
+        rows = self._kernel.read(states, grid_points, (self._head(), self._si, self._carrier))
         rows[:, 0] = rows[:, 1] / (model.packed.Omega * model.scales.omega_n)
         return rows
 
-    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
+    def advance_cycles(
+        self, y: Array, tangents: Array, cycle: int, cycles: int
+    ) -> tuple[Array, Array]:
         """Return state (n,) and tangents (k, n) after whole mesh cycles, from phase 0 to phase 0.
 
         Tangents are neither scaled nor orthogonalised. Nothing is raised if the motion diverges:
@@ -229,11 +231,11 @@ class Stepper:
             cycles: mesh cycles to integrate.
         """
         y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
-        self._kernel.cross(y, tangents, cycle, cycles)
+        self._kernel.advance_cycles(y, tangents, cycle, cycles)
         return y, tangents
 
-    def own(self, y: Array) -> dict[Hashable, Array]:
-        """Return the states that effects add to ``y``, in SI units, keyed as in ``Model.own``.
+    def added_states(self, y: Array) -> dict[Hashable, Array]:
+        """Return the states that effects add to ``y``, in SI, keyed as ``Model.added_sizes``.
 
         Args:
             y: (n_state,) dimensionless state vector.
@@ -241,39 +243,39 @@ class Stepper:
         Returns:
             dict of (k,) arrays: displacement [m], velocity [m/s], alternating for each coordinate.
         """
-        return {key: y[at] * unit for key, at, unit in self._places()}
+        return {key: y[at] * unit for key, at, unit in self._added_indices()}
 
-    def with_own(self, y: Array, own: Mapping[Hashable, Array]) -> Array:
-        """Return a copy of y in which the states that effects add have the values in ``own``.
+    def with_added_values(self, y: Array, added: Mapping[Hashable, Array]) -> Array:
+        """Return a copy of y in which the states that effects add have the values in ``added``.
 
         Args:
             y: (n_state,) dimensionless state vector.
-            own: as from the method ``own``, perhaps of another model; entries whose key or size
-                this model does not have are ignored.
+            added: as from the method ``added_states``, perhaps of another model; entries whose key
+                or size this model does not have are ignored.
         """
         y = y.copy()
-        for key, at, unit in self._places():
-            if key in own and own[key].shape == at.shape:
-                y[at] = own[key] / unit
+        for key, at, unit in self._added_indices():
+            if key in added and added[key].shape == at.shape:
+                y[at] = added[key] / unit
         return y
 
-    def _places(self) -> Iterator[tuple[Hashable, Indices, Array]]:
+    def _added_indices(self) -> Iterator[tuple[Hashable, Indices, Array]]:
         """Yield key, indices in y, and SI units of the states that each effect adds."""
         model, s = self.model, self.model.scales
-        order = model.layout.n_state + self._own_order()
+        order = model.layout.n_state + self._added_order()
         unit = np.resize([s.b_c, s.velocity_m_per_s], order.size)
         first = 0
-        for key, size in model.own:
+        for key, size in model.added_sizes:
             yield key, order[first : first + size], unit[first : first + size]
             first += size
 
-    def _own_order(self) -> Indices:
+    def _added_order(self) -> Indices:
         """Return indices that put displacement and rate of each added coordinate side by side.
 
         They count from the first added state. Here the state holds all displacements of added
         coordinates, then all rates; a stepper with another order overrides this.
         """
-        order: Indices = np.arange(2 * self.model.n_own).reshape(2, -1).T.ravel()
+        order: Indices = np.arange(2 * self.model.n_added_coordinates).reshape(2, -1).T.ravel()
         return order
 
 

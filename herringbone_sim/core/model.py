@@ -35,7 +35,8 @@ class Model:
         bare: dimensionless data for the kernel, without effects.
         packed: data that the kernel uses: ``bare`` with the changes by effects.
         effects: active effects, as given to ``effects.assemble``; empty without any.
-        own: key of each effect that adds states, and their number, in the order of the state.
+        added_sizes: key of each effect that adds states, and their number, in the order of the
+            state.
         integrator: None, or a function of the model that returns its stepper, for a gear that
             ``packed`` can't fully represent. Its ``run_batch``, if any, integrates batches.
     """
@@ -48,11 +49,11 @@ class Model:
     bare: Packed
     packed: Packed
     effects: tuple[Any, ...] = ()
-    own: tuple[tuple[Hashable, int], ...] = ()
+    added_sizes: tuple[tuple[Hashable, int], ...] = ()
     integrator: Any = None
 
     @property
-    def n_own(self) -> int:
+    def n_added_coordinates(self) -> int:
         """Number of coordinates in ``packed`` that effects add to those of the layout."""
         return len(self.packed.seat)
 
@@ -62,8 +63,10 @@ class Model:
 
         Those of ``packed`` are displacements of all added coordinates, then their rates.
         """
-        own = sum(size for _, size in self.own) if self.integrator else 2 * self.n_own
-        return self.layout.n_state + own
+        added = 2 * self.n_added_coordinates
+        if self.integrator:
+            added = sum(size for _, size in self.added_sizes)
+        return self.layout.n_state + added
 
 
 def build(p: Parameters) -> Model:
@@ -82,7 +85,7 @@ def build(p: Parameters) -> Model:
 def mean_sun_force(model: Model) -> float:
     """Return the mean normal force of a sun mesh [N] that balances the input torque T_1."""
     p, s = model.parameters, model.scales
-    return p.T_1 / (2.0 * s.r_bs * s.cos_beta * p.n_planets)
+    return p.T_1 * s.cos_beta / (2.0 * s.r_bs * s.projection * p.n_planets)
 
 
 def half_backlashes(p: Parameters, s: Scales) -> Array:
@@ -168,9 +171,9 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         d_mean=np.zeros(n),
         d_cos=np.zeros((0, n)),
         d_sin=np.zeros((0, n)),
-        windows=np.zeros((0, 3)),
-        window_k=np.zeros((0, n)),
-        window_d=np.zeros((0, n)),
+        events=np.zeros((0, 3)),
+        event_k=np.zeros((0, n)),
+        event_d=np.zeros((0, n)),
         b=half / s.b_c,
         inv_M_s=1.0 / M_s,
         inv_M_p=1.0 / M_p,
@@ -188,7 +191,7 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         extended=(),
         powers=False,
         law=np.array([1.0, 1.0, 0.0, 0.0, 1.0])[:, None] * np.ones(n),
-        own_shift=np.zeros((0, n)),
+        added_shift=np.zeros((0, n)),
         seat=np.zeros((0, 4)),
         push=np.zeros((3, layout.n_coordinate + 1, n)),
         pairs=np.zeros((0, 2), dtype=np.int64),
@@ -293,12 +296,12 @@ def body_displacements(model: Model, y: Array) -> Array:
     + M_p u_p + M_c u_c is zero.
     """
     s = model.scales
-    share = model.packed.multiplicity
+    multiplicity = model.packed.multiplicity
     q = y[:2] / s.cos_beta
     r = y[2 : model.layout.n_coordinate] / s.cos_beta
     M_s, M_p = 1.0 / model.packed.inv_M_s, 1.0 / model.packed.inv_M_p.ravel()
-    whole = s.M_c + 4.0 * M_s.sum() + share * M_p.sum()
-    u_c = -(2.0 * (M_s @ q) + share * (M_p @ r)) / whole
+    whole = s.M_c + 4.0 * M_s.sum() + multiplicity * M_p.sum()
+    u_c = -(2.0 * (M_s @ q) + multiplicity * (M_p @ r)) / whole
     return np.concatenate([q + 2.0 * u_c, [u_c], r + u_c])
 
 
@@ -310,15 +313,17 @@ def divergence(model: Model) -> float:
     p, m, n = model.packed, model.layout.n_coordinate, model.layout.n_mesh
     if model.integrator is not None or p.law[2].any() or p.rubs.size:
         return float("nan")
-    forces = np.eye(n + model.n_own)  # of meshes, then of the seats of added coordinates
+    forces = np.eye(
+        n + model.n_added_coordinates
+    )  # of meshes, then of the seats of added coordinates
     out = p.push[0, :-1].copy()
     out[:2] -= 2.0 * p.push[0, -1]
     out[2:m] -= p.push[0, -1]
     for j in range(n):
         accelerate(p, forces[j], out[:m, j])
-    into = np.eye(n + model.n_own, m + model.n_own, m - n)
+    into = np.eye(n + model.n_added_coordinates, m + model.n_added_coordinates, m - n)
     into[:n, :m] = np.array([_deflect(row) for row in np.eye(m)]).T
-    into[:n, m:] = p.own_shift.T
+    into[:n, m:] = p.added_shift.T
     damping = np.concatenate([p.damping, p.seat[:, 1]])
     return float(np.trace(out @ np.diag(damping) @ into))
 

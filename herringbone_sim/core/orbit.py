@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.columns import Near
+from herringbone_sim.core.lanes.columns import Neighbours
 from herringbone_sim.core.lanes.packed import (
     DONE,
     MOVE,
@@ -17,7 +17,7 @@ from herringbone_sim.core.lanes.packed import (
     Work,
     constants,
     make_work,
-    shape_of,
+    sizes_of,
 )
 from herringbone_sim.core.lanes.run import begin_cycle, begin_steps
 from herringbone_sim.core.lanes.vector import load, store
@@ -29,16 +29,16 @@ class Orbit(NamedTuple):
     """Data of one orbit for the kernel; both halves are integrated.
 
     Attributes:
-        shape: see ``lanes.packed``.
+        unrolled: see ``lanes.packed``.
         work: constants and work arrays; ``work.y (1 + k, n_state)`` is the state and k tangents.
-        near: None, or derivatives by parameters to integrate too, see ``lanes.columns``.
+        neighbours: None, or derivatives by parameters to integrate too, see ``lanes.columns``.
         inverse: (order + 2,) 1 / i at index i, 1 at index 0.
         controlled: whether K != 0, or effects add torques.
     """
 
-    shape: tuple[tuple[int, ...], ...]
+    unrolled: tuple[tuple[int, ...], ...]
     work: Work
-    near: Near | None
+    neighbours: Neighbours | None
     inverse: Array
     controlled: bool
 
@@ -50,17 +50,17 @@ def orbit_of(model: Model, tangents: int, others: Sequence[Model] = ()) -> Orbit
         others: gears whose constants the arrays must be able to hold as well.
     """
     p, layout, gears = model.parameters, model.layout, [model, *others]
-    shape = shape_of(gears, model.n_own)
-    table = constants(gears, 2, shape)
-    work = make_work(table, shape, layout.n_mesh, 2, p.order, tangents, lanes=())
+    sizes = sizes_of(gears, model.n_added_coordinates)
+    table = constants(gears, 2, sizes)
+    work = make_work(table, sizes, layout.n_mesh, 2, p.order, tangents, lanes=())
     work.constants[:] = table[0]
     work.steps[0] = p.steps
     return Orbit(
-        ((0,) * 2, (0,) * layout.n_classes, (0,) * shape.extended),
+        ((0,) * 2, (0,) * layout.n_classes, (0,) * sizes.extended),
         work,
         None,
         1.0 / np.maximum(np.arange(p.order + 2.0), 1.0),
-        shape.loads > 0 or any(gear.packed.K != 0.0 for gear in gears),
+        sizes.loads > 0 or any(gear.packed.K != 0.0 for gear in gears),
     )
 
 
@@ -75,19 +75,20 @@ def grid_step(move, orbit, cycle, index):
     """
     w = orbit.work
     begin_cycle(w, 0, cycle)
-    w.place[0] = index
-    store(w.lane, DONE, 0, 0.0)
-    store(w.lane, SWITCHES, 0, 0.0)
+    w.step_index[0] = index
+    store(w.progress, DONE, 0, 0.0)
+    store(w.progress, SWITCHES, 0, 0.0)
     switches = 0
     going = True
     while going:
-        begin_steps(w, w.place, w.steps)
-        move(orbit.shape, w, orbit.near, orbit.inverse, orbit.controlled)
-        done, part = load(w.lane, DONE, 0), load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
-        if load(w.lane, MOVE, 0) < 1.0:
+        begin_steps(w, w.step_index, w.steps)
+        move(orbit.unrolled, w, orbit.neighbours, orbit.inverse, orbit.controlled)
+        done = load(w.progress, DONE, 0)
+        part = load(w.progress, MOVE, 0) * load(w.progress, SHARE, 0)
+        if load(w.progress, MOVE, 0) < 1.0:
             switches += 1
         done = done + part * (1.0 - done)
-        store(w.lane, DONE, 0, done)
-        store(w.lane, SWITCHES, 0, load(w.lane, SWITCHES, 0) + 1.0)
+        store(w.progress, DONE, 0, done)
+        store(w.progress, SWITCHES, 0, load(w.progress, SWITCHES, 0) + 1.0)
         going = part != 1.0 and done < 1.0
     return switches

@@ -59,10 +59,10 @@ class Packed(NamedTuple):
         d_mean: (n,) displacement that effects add to the deflection; not contained in samples.
         d_cos: (h, n) cosine amplitudes of its harmonics; no rows if it has none.
         d_sin: (h, n) sine amplitudes.
-        windows: (w, 3) recurring events: mesh cycles between them, mesh cycle of the first, width
+        events: (w, 3) recurring events: mesh cycles between them, mesh cycle of the first, width
             in mesh cycles.
-        window_k: (w, n) relative loss of k at the middle of an event.
-        window_d: (w, n) displacement at the middle of an event.
+        event_k: (w, n) relative loss of k at the middle of an event.
+        event_d: (w, n) displacement at the middle of an event.
         b: (n,) half-backlash b' (Eq. 3).
         inv_M_s: (2,) inverse masses of the sun halves [1/kg].
         inv_M_p: (2, c) inverse masses of the planet halves [1/kg].
@@ -82,7 +82,7 @@ class Packed(NamedTuple):
             rounded corners in ``seat``.
         law: (5, n) mesh force k f (|f| / law[0])^(law[1] - 1) + c v [1 - law[2] + law[2] (|f| /
             law[4])^law[3]]; law[1] = 1 and law[2] = 0 give k f + c v.
-        own_shift: (s, n) displacement of each mesh per unit of each added coordinate.
+        added_shift: (s, n) displacement of each mesh per unit of each added coordinate.
         seat: (s, 4) of the seats: stiffness, damping, half of the clearance, rounding of its
             corners.
         push: (3, m + s + 1, n + s) accelerations of the coordinates by unit forces of meshes and
@@ -107,9 +107,9 @@ class Packed(NamedTuple):
     d_mean: Array
     d_cos: Array
     d_sin: Array
-    windows: Array
-    window_k: Array
-    window_d: Array
+    events: Array
+    event_k: Array
+    event_d: Array
     b: Array
     inv_M_s: Array
     inv_M_p: Array
@@ -127,7 +127,7 @@ class Packed(NamedTuple):
     extended: tuple[int, ...]
     powers: bool
     law: Array
-    own_shift: Array
+    added_shift: Array
     seat: Array
     push: Array
     pairs: Indices
@@ -158,8 +158,8 @@ class Work(NamedTuple):
     stage: Array  # (n_state + 2 s,)
 
 
-def make_work(n_mesh: int, n_coordinate: int, n_own: int = 0) -> Work:
-    """Return work arrays for a gear; ``n_own`` is the number of rows of ``Packed.seat``."""
-    n_all = n_coordinate + n_own
-    sizes = *(n_mesh,) * 5, n_mesh + n_own, n_all, (4, 2 * n_all), 2 * n_all
+def make_work(n_mesh: int, n_coordinate: int, n_added_coordinates: int = 0) -> Work:
+    """Return work arrays for a gear; each added coordinate has a row of ``Packed.seat``."""
+    n_all = n_coordinate + n_added_coordinates
+    sizes = *(n_mesh,) * 5, n_mesh + n_added_coordinates, n_all, (4, 2 * n_all), 2 * n_all
     return Work(*(np.zeros(size) for size in sizes))

@@ -1,7 +1,7 @@
 """Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it.
 
 Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state, ``phase`` [rad] the mesh phase in
-mesh cycle number ``cycle``, ``window`` a row of ``Packed.windows``; all is dimensionless.
+mesh cycle number ``cycle``, ``event`` a row of ``Packed.events``; all is dimensionless.
 """
 
 from __future__ import annotations
@@ -64,22 +64,22 @@ def control_angle(p, phase, cycle):
 
 
 @inlined
-def cycles_from_event(window, phase, cycle):
+def cycles_from_event(event, phase, cycle):
     """Return the mesh cycles since the middle of the nearest event, negative before it."""
-    s = cycle + phase / TWO_PI - window[1]
-    return s - window[0] * np.floor(s / window[0] + 0.5)
+    s = cycle + phase / TWO_PI - event[1]
+    return s - event[0] * np.floor(s / event[0] + 0.5)
 
 
 @inlined
-def cycles_to_edge(window, phase, cycle):
+def cycles_to_edge(event, phase, cycle):
     """Return the mesh cycles to the next edge of an event that is not within ``ON_EDGE``."""
-    s = cycles_from_event(window, phase, cycle)
-    half = 0.5 * window[2]
+    s = cycles_from_event(event, phase, cycle)
+    half = 0.5 * event[2]
     if s < -half - ON_EDGE:
         return -half - s
     if s < half - ON_EDGE:
         return half - s
-    return window[0] - half - s
+    return event[0] - half - s
 
 
 @inlined
@@ -99,19 +99,19 @@ def excite(p, w, phase, cycle):
             w.error[m] += p.e_cos[j, m] * cos + p.e_sin[j, m] * sin
             rate = p.e_sin[j, m] * cos - p.e_cos[j, m] * sin
             w.error_rate[m] += p.orders[j] * p.Omega * rate
-    for j in range(p.windows.shape[0]):
-        bump, slope = window_at(p, j, phase, cycle)
+    for j in range(p.events.shape[0]):
+        bump, slope = event_height(p, j, phase, cycle)
         for m in range(n):
-            w.k[m] *= 1.0 - p.window_k[j, m] * bump
-            w.error[m] -= p.window_d[j, m] * bump
-            w.error_rate[m] -= p.window_d[j, m] * slope
+            w.k[m] *= 1.0 - p.event_k[j, m] * bump
+            w.error[m] -= p.event_d[j, m] * bump
+            w.error_rate[m] -= p.event_d[j, m] * slope
 
 
 @inlined
-def window_at(p, j, phase, cycle):
+def event_height(p, j, phase, cycle):
     """Return the height of event j, 1 at its middle and 0 outside, and its derivative by tau."""
-    s = cycles_from_event(p.windows[j], phase, cycle)
-    width = p.windows[j, 2]
+    s = cycles_from_event(p.events[j], phase, cycle)
+    width = p.events[j, 2]
     if abs(s) < 0.5 * width:
         angle = TWO_PI * s / width
         return 0.5 + 0.5 * np.cos(angle), -0.5 * p.Omega / width * np.sin(angle)
@@ -122,7 +122,7 @@ def window_at(p, j, phase, cycle):
 def hide_displacement(p, w, y, phase, cycle):
     """Subtract the displacements that effects add, and their rates, from ``w.x`` and ``w.v``."""
     n = 4 * len(p.classes)
-    shift_by_own(p, y, -1.0, w.x, w.v)
+    shift_by_added(p, y, -1.0, w.x, w.v)
     for m in range(n):
         w.x[m] -= p.d_mean[m]
     for j in range(p.d_cos.shape[0]):
@@ -133,22 +133,22 @@ def hide_displacement(p, w, y, phase, cycle):
             w.x[m] -= p.d_cos[j, m] * cos + p.d_sin[j, m] * sin
             rate = p.d_sin[j, m] * cos - p.d_cos[j, m] * sin
             w.v[m] -= p.orders[j] * p.Omega * rate
-    for j in range(p.windows.shape[0]):
-        bump, slope = window_at(p, j, phase, cycle)
+    for j in range(p.events.shape[0]):
+        bump, slope = event_height(p, j, phase, cycle)
         for m in range(n):
-            w.x[m] -= p.window_d[j, m] * bump
-            w.v[m] -= p.window_d[j, m] * slope
+            w.x[m] -= p.event_d[j, m] * bump
+            w.v[m] -= p.event_d[j, m] * slope
 
 
 @inlined
-def shift_by_own(p, y, sign, x, v):
+def shift_by_added(p, y, sign, x, v):
     """Add (sign 1) or subtract (-1) the mesh displacement by added coordinates, and its rate."""
     s = p.seat.shape[0]
     first = 4 + 4 * len(p.classes)
     for j in range(s):
         for m in range(4 * len(p.classes)):
-            x[m] += sign * p.own_shift[j, m] * y[first + j]
-            v[m] += sign * p.own_shift[j, m] * y[first + s + j]
+            x[m] += sign * p.added_shift[j, m] * y[first + j]
+            v[m] += sign * p.added_shift[j, m] * y[first + s + j]
 
 
 @inlined
@@ -167,20 +167,20 @@ def force_law(p, m, k, f, v):
 
 
 @inlined
-def pitch_side(phase, turn):
+def pitch_side(phase, step_cycles):
     """Return the mesh cycles from the pitch point, -0.5 to 0.5, and the side (1 after, -1 before).
 
-    The step that begins at ``phase`` takes ``turn`` mesh cycles and never crosses a pitch point,
-    so its middle determines the side.
+    The step that begins at ``phase`` takes ``step_cycles`` mesh cycles and never crosses a pitch
+    point, so its middle determines the side.
     """
     start = phase / TWO_PI
-    middle = start + 0.5 * turn
+    middle = start + 0.5 * step_cycles
     whole = np.floor(middle + 0.5)
     return start - whole, 1.0 if middle > whole else -1.0
 
 
 @inlined
-def hold_law(p, j, displacement, rate):
+def seat_force(p, j, displacement, rate):
     """Return the force of the spring and damper of added coordinate j, by ``Packed.seat``."""
     half = p.seat[j, 2]
     play = max(displacement - half, 0.0) + min(displacement + half, 0.0)
@@ -193,13 +193,13 @@ def hold_law(p, j, displacement, rate):
 
 
 @inlined
-def push_own(p, w, y, phase, acceleration):
+def add_push(p, w, y, phase, acceleration):
     """Add the accelerations by ``Packed.push`` (friction, seats) to those of all coordinates."""
     s = p.seat.shape[0]
     m = 2 + 2 * len(p.classes)
     n = 4 * len(p.classes)
     for j in range(s):
-        w.force[n + j] = hold_law(p, j, y[2 * m + j], y[2 * m + s + j])
+        w.force[n + j] = seat_force(p, j, y[2 * m + j], y[2 * m + s + j])
     start, side = pitch_side(phase, 0.0)
     carrier = 0.0
     for t in range(p.pairs.shape[0]):
@@ -210,11 +210,11 @@ def push_own(p, w, y, phase, acceleration):
             acceleration[k] += added
         else:
             carrier += added
-    turn_carrier(p, carrier, acceleration)
+    subtract_carrier(p, carrier, acceleration)
 
 
 @inlined
-def turn_carrier(p, carrier, acceleration):
+def subtract_carrier(p, carrier, acceleration):
     """Apply an acceleration of the carrier to all coordinates, which are relative to it."""
     for side in range(2):
         acceleration[side] -= 2.0 * carrier
@@ -231,7 +231,7 @@ def mesh_forces(p, w, y, phase, cycle):
     m_coordinate = 2 + 2 * len(p.classes)
     deflections(p, y[:m_coordinate], w.x)
     deflections(p, y[m_coordinate : 2 * m_coordinate], w.v)
-    shift_by_own(p, y, 1.0, w.x, w.v)
+    shift_by_added(p, y, 1.0, w.x, w.v)
     for m in range(4 * len(p.classes)):
         x = w.x[m] - w.error[m]
         v = w.v[m] - w.error_rate[m]
@@ -266,7 +266,7 @@ def right_hand_side(p, w, y, phase, cycle, dy):
             push[k] += p.load_cos[j, k] * cos + p.load_sin[j, k] * sin
     accelerate(p, w.force, push)
     if not p.plain:
-        push_own(p, w, y, phase, push)
+        add_push(p, w, y, phase, push)
     for k in range(m):
         dy[k] = y[m + k]
         dy[m + k] = push[k]

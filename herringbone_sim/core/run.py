@@ -13,8 +13,8 @@ from numba import typeof
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_moves import move_any
-from herringbone_sim.core.lanes.run import move_plain
+from herringbone_sim.core.lanes.any_moves import move_nonlinear
+from herringbone_sim.core.lanes.run import move_linear
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
 from herringbone_sim.core.packed import (
@@ -61,20 +61,20 @@ def write_row(p, w, y, phase, cycle, head, si, carrier, row):
 
 
 @inlined
-def write_bodies(y, carrier, tilt, first, row):
+def write_bodies(y, carrier, u_unit, first, row):
     """Write u [m] of the bodies into a row from index ``first`` on.
 
-    ``tilt`` is b_c over cos beta. All bodies contain the same u_c, so that left and right undergo
-    the same operations.
+    ``u_unit`` is b_c over cos beta. All bodies contain the same u_c, so that left and right
+    undergo the same operations.
     """
     u_c = 0.0
     for k in range(carrier.size):
         u_c += carrier[k] * y[k]
     for side in range(2):
-        row[first + side] = y[side] * tilt + 2.0 * u_c
+        row[first + side] = y[side] * u_unit + 2.0 * u_c
     row[first + 2] = u_c
     for k in range(2, carrier.size):
-        row[first + 1 + k] = y[k] * tilt + u_c
+        row[first + 1 + k] = y[k] * u_unit + u_c
 
 
 @compiled
@@ -99,15 +99,16 @@ def orthonormalise(tangents, growth):
 
 
 @embedded
-def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
+def sample(step, kernel, p, w, y, tangents, growth, grid_point, t, grid, out):
     """Fill rows with samples ``stride`` steps apart; returns (time, rows filled, switches).
 
-    Stops after the first row that is out of range (``LIMIT``). y, tangents, growth and place are
-    advanced in place; tangents are orthonormalised at phase 0. The time is that of the next row.
+    Stops after the first row that is out of range (``LIMIT``). y, tangents, growth and
+    grid_point are advanced in place; tangents are orthonormalised at phase 0. The time is that of
+    the next row.
 
     Args:
         step: the method; ``step(kernel, y, cycle, index)`` advances y by a step of the grid.
-        place: (2,) mesh cycle and step index.
+        grid_point: (2,) mesh cycle and step index.
         t: time [s] of the first row.
         grid: omega_n, steps per mesh cycle, ``stride``.
         out: head, si and carrier as for ``write_row``; rows; contact (n_mesh, 3), in which the
@@ -118,21 +119,21 @@ def sample(step, kernel, p, w, y, tangents, growth, place, t, grid, out):
     dt = TWO_PI / (p.Omega * steps) / omega_n
     switches = 0
     for i in range(rows.shape[0]):
-        phase = TWO_PI * place[1] / steps
+        phase = TWO_PI * grid_point[1] / steps
         head[0] = t
-        mesh_forces(p, w, y, phase, place[0])
+        mesh_forces(p, w, y, phase, grid_point[0])
         for m in range(contact.shape[0]):
             contact[m, 1 + (w.x[m] > p.b[m]) - (w.x[m] < -p.b[m])] += 1
-        largest = write_row(p, w, y, phase, place[0], head, si, carrier, rows[i])
+        largest = write_row(p, w, y, phase, grid_point[0], head, si, carrier, rows[i])
         if not largest < LIMIT:
             return t, i + 1, switches
         for _ in range(stride):
-            switches += step(kernel, y, place[0], place[1])
+            switches += step(kernel, y, grid_point[0], grid_point[1])
             t += dt
-            place[1] += 1
-            if place[1] == steps:
-                place[1] = 0
-                place[0] += 1
+            grid_point[1] += 1
+            if grid_point[1] == steps:
+                grid_point[1] = 0
+                grid_point[0] += 1
                 orthonormalise(tangents, growth)
     return t, rows.shape[0], switches
 
@@ -150,15 +151,15 @@ def over_cycles(step, kernel, y, cycle, cycles, steps):
 
 
 @inlined
-def plain_step(orbit, y, cycle, index):
+def linear_step(orbit, y, cycle, index):
     """One grid step by Taylor series; forces linear between switches (not ``Packed.powers``)."""
-    return grid_step(move_plain, orbit, cycle, index)
+    return grid_step(move_linear, orbit, cycle, index)
 
 
 @inlined
-def powers_step(orbit, y, cycle, index):
+def nonlinear_step(orbit, y, cycle, index):
     """One grid step by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
-    return grid_step(move_any, orbit, cycle, index)
+    return grid_step(move_nonlinear, orbit, cycle, index)
 
 
 @inlined
@@ -171,33 +172,33 @@ def rk4_grid_step(kernel, y, cycle, index):
 
 # A function for each method: only those that are used are compiled.
 @compiled
-def run_plain(kernel, p, w, y, tangents, growth, place, t, grid, out):
+def run_linear(kernel, p, w, y, tangents, growth, grid_point, t, grid, out):
     """``sample`` by Taylor series; forces linear between switches (not ``Packed.powers``)."""
-    return sample(plain_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
+    return sample(linear_step, kernel, p, w, y, tangents, growth, grid_point, t, grid, out)
 
 
 @compiled
-def run_powers(kernel, p, w, y, tangents, growth, place, t, grid, out):
+def run_nonlinear(kernel, p, w, y, tangents, growth, grid_point, t, grid, out):
     """``sample`` by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
-    return sample(powers_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
+    return sample(nonlinear_step, kernel, p, w, y, tangents, growth, grid_point, t, grid, out)
 
 
 @compiled
-def run_rk4(kernel, p, w, y, tangents, growth, place, t, grid, out):
+def run_rk4(kernel, p, w, y, tangents, growth, grid_point, t, grid, out):
     """``sample`` by the classical Runge-Kutta method."""
-    return sample(rk4_grid_step, kernel, p, w, y, tangents, growth, place, t, grid, out)
+    return sample(rk4_grid_step, kernel, p, w, y, tangents, growth, grid_point, t, grid, out)
 
 
 @compiled
-def cross_plain(kernel, y, cycle, cycles, steps):
+def cross_linear(kernel, y, cycle, cycles, steps):
     """``over_cycles`` by Taylor series; forces linear between switches (not ``Packed.powers``)."""
-    over_cycles(plain_step, kernel, y, cycle, cycles, steps)
+    over_cycles(linear_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
-def cross_powers(kernel, y, cycle, cycles, steps):
+def cross_nonlinear(kernel, y, cycle, cycles, steps):
     """``over_cycles`` by Taylor series; forces nonlinear between switches (``Packed.powers``)."""
-    over_cycles(powers_step, kernel, y, cycle, cycles, steps)
+    over_cycles(nonlinear_step, kernel, y, cycle, cycles, steps)
 
 
 @compiled
@@ -207,61 +208,61 @@ def cross_rk4(kernel, y, cycle, cycles, steps):
 
 
 @compiled
-def read_rows(p, w, states, places, steps, head, si, carrier, rows):
-    """Write the samples of states (n, n_state) at ``places`` (n, 2), mesh cycle and step index,
-    into rows.
+def read_rows(p, w, states, grid_points, steps, head, si, carrier, rows):
+    """Write the samples of states (n, n_state) at ``grid_points`` (n, 2), mesh cycle and step
+    index, into rows.
     """
     for i in range(states.shape[0]):
-        phase = TWO_PI * places[i, 1] / steps
-        mesh_forces(p, w, states[i], phase, places[i, 0])
-        write_row(p, w, states[i], phase, places[i, 0], head, si, carrier, rows[i])
+        phase = TWO_PI * grid_points[i, 1] / steps
+        mesh_forces(p, w, states[i], phase, grid_points[i, 0])
+        write_row(p, w, states[i], phase, grid_points[i, 0], head, si, carrier, rows[i])
 
 
 @inlined
-def keep_columns(near, columns):
-    """Copy ``near.columns`` to ``columns`` (p, n_state); do nothing if ``near`` is None."""
-    if near is not None:
+def keep_columns(neighbours, columns):
+    """Copy ``neighbours.columns`` to ``columns`` (p, n_state); nothing without neighbours."""
+    if neighbours is not None:
         for row in range(columns.shape[0]):
             for j in range(columns.shape[1]):
-                columns[row, j] = near.columns[row, j]
+                columns[row, j] = neighbours.columns[row, j]
 
 
 @embedded
-def trace(step, orbit, place, steps, stride, states, columns):
+def trace(step, orbit, grid_point, steps, stride, states, columns):
     """Advance an orbit and record state, tangents and columns at samples ``stride`` steps apart.
 
     Args:
-        place: (2,) mesh cycle and step index, advanced in place.
+        grid_point: (2,) mesh cycle and step index, advanced in place.
         states: (n, 1 + k, n_state) output: state, then k tangents.
-        columns: (n, p, n_state) output; left as it is if ``orbit.near`` is None.
+        columns: (n, p, n_state) output; left as it is if ``orbit.neighbours`` is None.
     """
     y = orbit.work.y
     for i in range(states.shape[0]):
         for row in range(y.shape[0]):
             for j in range(y.shape[1]):
                 states[i, row, j] = y[row, j]
-        keep_columns(orbit.near, columns[i])
+        keep_columns(orbit.neighbours, columns[i])
         for _ in range(stride):
-            step(orbit, y[0], place[0], place[1])
-            place[1] += 1
-            if place[1] == steps:
-                place[1] = 0
-                place[0] += 1
+            step(orbit, y[0], grid_point[0], grid_point[1])
+            grid_point[1] += 1
+            if grid_point[1] == steps:
+                grid_point[1] = 0
+                grid_point[0] += 1
 
 
 @compiled
-def trace_plain(orbit, place, steps, stride, states, columns):
+def trace_linear(orbit, grid_point, steps, stride, states, columns):
     """``trace`` for a gear whose forces are linear between switches (not ``Packed.powers``)."""
-    trace(plain_step, orbit, place, steps, stride, states, columns)
+    trace(linear_step, orbit, grid_point, steps, stride, states, columns)
 
 
 @compiled
-def trace_powers(orbit, place, steps, stride, states, columns):
+def trace_nonlinear(orbit, grid_point, steps, stride, states, columns):
     """``trace`` for a gear whose forces are nonlinear between switches (``Packed.powers``)."""
-    trace(powers_step, orbit, place, steps, stride, states, columns)
+    trace(nonlinear_step, orbit, grid_point, steps, stride, states, columns)
 
 
-class Moving(NamedTuple):
+class StateArrays(NamedTuple):
     """Arrays of a ``State`` that ``Kernel.run`` advances in place.
 
     Attributes:
@@ -269,14 +270,14 @@ class Moving(NamedTuple):
         tangents: (k, n_state) tangent vectors.
         columns: (p, n_state) derivatives with respect to parameters.
         growth: (k,) sums of the logarithms of the tangents' growth factors.
-        place: (2,) mesh cycle and step within it.
+        grid_point: (2,) mesh cycle and step within it.
     """
 
     y: Array
     tangents: Array
     columns: Array
     growth: Array
-    place: NDArray[np.int64]
+    grid_point: NDArray[np.int64]
 
 
 class Kernel:
@@ -291,12 +292,12 @@ class Kernel:
         layout = model.layout
         self.model = model
         self._along = along
-        self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
+        self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_added_coordinates)
         self._by_rk4, powers = model.parameters.method == "rk4", model.packed.powers
         self._gear = of_one_type(model.packed) if self._by_rk4 else model.packed
-        self._run = run_rk4 if self._by_rk4 else run_powers if powers else run_plain
-        self._cross = cross_rk4 if self._by_rk4 else cross_powers if powers else cross_plain
-        self._trace = trace_powers if powers else trace_plain
+        self._run = run_rk4 if self._by_rk4 else run_nonlinear if powers else run_linear
+        self._cross = cross_rk4 if self._by_rk4 else cross_nonlinear if powers else cross_linear
+        self._trace = trace_nonlinear if powers else trace_linear
         self._orbits: dict[int, Orbit] = {}
 
     @cached_property
@@ -331,11 +332,11 @@ class Kernel:
         states = orbit.work.y
         states[0], states[1:] = y, tangents
         if self._along and columns is not None:
-            orbit = orbit._replace(near=self._along.near(orbit.work, y, columns))
+            orbit = orbit._replace(neighbours=self._along.neighbours(orbit.work, y, columns))
         return orbit, states[0], states[1:]
 
-    def run(self, moving: Moving, t: float, out: tuple[Any, ...]) -> tuple[float, int, int]:
-        """Fill rows with samples and advance ``moving`` in place, see ``sample``.
+    def run(self, arrays: StateArrays, t: float, out: tuple[Any, ...]) -> tuple[float, int, int]:
+        """Fill rows with samples and advance ``arrays`` in place, see ``sample``.
 
         Args:
             t: time [s] of the first sample.
@@ -345,40 +346,42 @@ class Kernel:
             time of the next sample [s], rows filled, switches.
         """
         p, model = self.model.parameters, self.model
-        kernel, states, vectors = self._begin(moving.y, moving.tangents, moving.columns)
+        kernel, states, vectors = self._begin(arrays.y, arrays.tangents, arrays.columns)
         grid = model.scales.omega_n, p.steps, p.steps // p.samples_per_cycle
         gear = kernel, self._gear, self._scratch
         time, filled, switches = self._run(
-            *gear, states, vectors, moving.growth, moving.place, t, grid, out
+            *gear, states, vectors, arrays.growth, arrays.grid_point, t, grid, out
         )
-        moving.y[:], moving.tangents[:] = states, vectors
+        arrays.y[:], arrays.tangents[:] = states, vectors
         if self._along:
-            moving.columns[:] = self._along.from_kernel(moving.y, kernel.near.columns)
+            arrays.columns[:] = self._along.from_kernel(arrays.y, kernel.neighbours.columns)
         return float(time), int(filled), int(switches)
 
-    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
+    def advance_cycles(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
         """Advance y (n_state,) and tangents (k, n_state) over whole mesh cycles, in place."""
         kernel, states, vectors = self._begin(y, tangents)
         self._cross(kernel, states, cycle, cycles, self.model.parameters.steps)
         y[:], tangents[:] = states, vectors
 
     def trace(
-        self, y: Array, tangents: Array, columns: Array, place: NDArray[np.int64], n: int
+        self, y: Array, tangents: Array, columns: Array, grid_point: NDArray[np.int64], n: int
     ) -> tuple[Array, Array, Array]:
         """Return states (n, n_state), tangents (n, k, n_state) and columns (n, p, n_state) at n
-        samples, the first at the given state; ``place`` is advanced in place.
+        samples, the first at the given state; ``grid_point`` is advanced in place.
         """
         p = self.model.parameters
         orbit, _, _ = self._begin(y, tangents, columns)
         states = np.empty((n, 1 + len(tangents), len(y)))
         sampled_columns = np.zeros((n, len(columns), len(y)))
-        self._trace(orbit, place, p.steps, p.steps // p.samples_per_cycle, states, sampled_columns)
+        self._trace(
+            orbit, grid_point, p.steps, p.steps // p.samples_per_cycle, states, sampled_columns
+        )
         if self._along:
             sampled_columns = self._along.from_kernel(states[:, 0], sampled_columns)
         return states[:, 0], states[:, 1:], sampled_columns
 
     def read(
-        self, states: Array, places: NDArray[np.int64], rest: tuple[Array, Array, Array]
+        self, states: Array, grid_points: NDArray[np.int64], rest: tuple[Array, Array, Array]
     ) -> Array:
         """Return the samples (n, n_channels) of given states, in SI units.
 
@@ -386,11 +389,11 @@ class Kernel:
 
         Args:
             states: (n, n_state), dimensionless.
-            places: (n, 2) mesh cycle and step of the phase grid at each state.
+            grid_points: (n, 2) mesh cycle and step of the phase grid at each state.
             rest: head, si and carrier, as for ``write_row``.
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
         states = np.ascontiguousarray(states)
         gear = of_one_type(self.model.packed), self._scratch
-        read_rows(*gear, states, places, self.model.parameters.steps, *rest, rows)
+        read_rows(*gear, states, grid_points, self.model.parameters.steps, *rest, rows)
         return rows

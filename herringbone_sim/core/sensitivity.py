@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.columns import Near
-from herringbone_sim.core.lanes.packed import NonlinearWork, Shape, Work, constants
+from herringbone_sim.core.lanes.columns import Neighbours
+from herringbone_sim.core.lanes.packed import NonlinearWork, Sizes, Work, constants
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed
@@ -32,7 +32,7 @@ from herringbone_sim.errors import ParameterError
 # Fields of ``Packed`` that change the series of stiffness, errors or loads.
 EXCITATION = (
     *("stiffness", "k_cos", "k_sin", "e_mean", "e_cos", "e_sin"),
-    *("windows", "window_k", "window_d", "load_q", "load_r", "load_cos", "load_sin"),
+    *("events", "event_k", "event_d", "load_q", "load_r", "load_cos", "load_sin"),
     *("K", "control_q", "control_r", "control_phase"),
 )
 
@@ -40,7 +40,7 @@ EXCITATION = (
 # Fields of ``Work`` that neighbours must not share with the orbit; they share the others.
 OF_NEIGHBOURS = (
     *("y", "k", "error", "scale", "load", "q", "v", "x", "f", "force"),
-    *("forces", "push", "mix", "mesh", "lane", "bump"),
+    *("forces", "push", "mix", "mesh_state", "progress", "bump"),
 )
 
 
@@ -83,8 +83,9 @@ class Directions:
             or effects by their own laws.
 
     Attributes:
+        model: the gear.
         step: (p,) ``Direction.step`` of each.
-        clock: (p,) d ln(mesh frequency)/dtheta.
+        log_frequency_slope: (p,) d ln(mesh frequency)/dtheta.
         excites: (p,) whether any of ``EXCITATION`` differs between both sides.
     """
 
@@ -98,7 +99,7 @@ class Directions:
                     "an event, friction, a power, a rounded corner or a coordinate; give it a "
                     "value away from there"
                 )
-        self._model = model
+        self.model = model
         self._gears = [brought_to(model, near) for pair in pairs for near in pair]
         self.step = np.array([direction.step for direction in directions])
         self.excites = np.array(
@@ -108,9 +109,9 @@ class Directions:
             ]
         )
         speeds = [[near.scales.omega_n * near.packed.Omega for near in pair] for pair in pairs]
-        self.clock = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
+        self.log_frequency_slope = -np.diff(np.log(speeds), axis=1)[:, 0] / (2.0 * self.step)
 
-    def near(self, work: Work, y: Array, columns: Array) -> Near:
+    def neighbours(self, work: Work, y: Array, columns: Array) -> Neighbours:
         """Return data for the kernel to integrate columns along an orbit.
 
         Args:
@@ -120,30 +121,32 @@ class Directions:
         """
         start = columns if len(columns) else np.zeros((len(self.step), len(y)))
         models, inner = self.models(), self.to_kernel(y, start)
-        table = constants(models, 2, Shape(*work.shape.tolist()))
-        return near_of([self], work, table, inner[None], lanes=())
+        table = constants(models, 2, Sizes(*work.sizes.tolist()))
+        return neighbours_of([self], work, table, inner[None], lanes=())
 
     def models(self) -> list[Model]:
         """Return the models plus and minus of each parameter in turn.
 
         Their ``packed`` is in the units of the kernel (``brought_to``); the rest is of the model.
         """
-        return [replace(self._model, packed=packed) for packed in self._gears]
+        return [replace(self.model, packed=packed) for packed in self._gears]
 
     def to_kernel(self, y: Array, columns: Array) -> Array:
         """Convert columns (p, n_state) at a state y (n_state,) to the kernel's unit of time."""
-        whole: Array = columns - self.clock[:, None] * velocities(self._model, y)
+        whole: Array = columns - self.log_frequency_slope[:, None] * velocities(self.model, y)
         return whole
 
     def from_kernel(self, y: Array, columns: Array) -> Array:
         """Convert columns (..., p, n_state) of the kernel at states (..., n_state) back."""
-        whole: Array = columns + self.clock[:, None] * velocities(self._model, y)[..., None, :]
+        whole: Array = (
+            columns + self.log_frequency_slope[:, None] * velocities(self.model, y)[..., None, :]
+        )
         return whole
 
 
 def velocities(model: Model, y: Array) -> Array:
     """Return a copy of states (..., n_state) with zeros in place of the displacements."""
-    m, s = model.layout.n_coordinate, model.n_own
+    m, s = model.layout.n_coordinate, model.n_added_coordinates
     rates: Array = np.array(y, dtype=float)
     rates[..., :m] = 0.0
     rates[..., 2 * m : 2 * m + s] = 0.0
@@ -169,7 +172,7 @@ def brought_to(model: Model, near: Model) -> Packed:
     p = near.packed
     length = near.scales.b_c / model.scales.b_c
     time = model.packed.Omega / p.Omega  # unit of time, in 1 / omega_n of ``near``
-    lengths = ("e_mean", "e_cos", "e_sin", "d_mean", "d_cos", "d_sin", "window_d", "b")
+    lengths = ("e_mean", "e_cos", "e_sin", "d_mean", "d_cos", "d_sin", "event_d", "b")
     pushes = ("load_q", "load_r", "load_cos", "load_sin", "K")
     springs = ("stiffness", "k_cos", "k_sin")
     factors = dict.fromkeys(lengths, length) | dict.fromkeys(pushes, length * time**2)
@@ -182,13 +185,13 @@ def brought_to(model: Model, near: Model) -> Packed:
     return p._replace(**changed, law=law, seat=seat, push=push, Omega=model.packed.Omega)
 
 
-def near_of(
+def neighbours_of(
     along: Sequence[Directions],
     work: Work,
     table: Array,
     starts: Array,
     lanes: tuple[int, ...] = (LANES,),
-) -> Near:
+) -> Neighbours:
     """Return data for the kernel to integrate the columns of n models.
 
     Args:
@@ -205,7 +208,7 @@ def near_of(
     def zeros(*shape: int) -> Array:
         return np.zeros((*shape, *lanes))
 
-    near = Near(
+    neighbours = Neighbours(
         table=table.reshape(n, 2 * p, *table.shape[1:]),
         steps=steps,
         starts=starts,
@@ -215,13 +218,17 @@ def near_of(
         excites=np.any([directions.excites for directions in along], axis=0),
         columns=zeros(p, size),
         more=zeros(p, size),
-        moved=zeros(p, work.k.shape[1]),
+        border_shift=zeros(p, work.k.shape[1]),
         pair=zeros(1, size),
         work=work._replace(
             **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
-            own=NonlinearWork(*(np.zeros_like(value) for value in work.own)),
+            nonlinear=NonlinearWork(*(np.zeros_like(value) for value in work.nonlinear)),
         ),
     )
     if not lanes:
-        near.constants[:], near.step[:], near.columns[:] = near.table[0], steps[0], starts[0]
-    return near
+        neighbours.constants[:], neighbours.step[:], neighbours.columns[:] = (
+            neighbours.table[0],
+            steps[0],
+            starts[0],
+        )
+    return neighbours

@@ -49,7 +49,7 @@ def curvature(a, m, s):
 
 
 @compiled
-def root(a, m, level, low, at_low, high, at_high):
+def polynomial_zero(a, m, level, low, at_low, high, at_high):
     """Return where the polynomial in column m equals ``level``, by Newton's method in a bracket.
 
     ``at_low`` and ``at_high`` are its values minus ``level`` at ``low`` and ``high``.
@@ -73,7 +73,7 @@ def root(a, m, level, low, at_low, high, at_high):
 
 
 @compiled
-def turning_point(a, m, low, high):
+def extremum(a, m, low, high):
     """Return the s of an extremum of the polynomial in column m between ``low`` and ``high``, by
     Newton's method in a bracket.
     """
@@ -111,21 +111,21 @@ def leaves_at(a, m, level, sign, end, end_slope, before):
         if start > 0.0:
             if before < 1.0 and sign * (polynomial(a, m, before) - level) > 1e-12:
                 return 2.0
-            return root(a, m, level, 0.0, a[0, m] - level, 1.0, end - level)
+            return polynomial_zero(a, m, level, 0.0, a[0, m] - level, 1.0, end - level)
         if start_slope <= 0.0:
             return 0.0
-        top = turning_point(a, m, 0.0, 1.0)
+        top = extremum(a, m, 0.0, 1.0)
         at_top = polynomial(a, m, top) - level
         if sign * at_top <= 0.0:
             return 0.0
-        return root(a, m, level, top, at_top, 1.0, end - level)
+        return polynomial_zero(a, m, level, top, at_top, 1.0, end - level)
     if start_slope < 0.0 and stop_slope > 0.0:
         corner = (stop - stop_slope - start) / (start_slope - stop_slope)
         if start + start_slope * corner < 0.1 * (stop_slope - start_slope):
-            bottom = turning_point(a, m, 0.0, 1.0)
+            bottom = extremum(a, m, 0.0, 1.0)
             at_bottom = polynomial(a, m, bottom) - level
             if sign * at_bottom < 0.0:
                 if start <= 0.0:
                     return 0.0
-                return root(a, m, level, 0.0, a[0, m] - level, bottom, at_bottom)
+                return polynomial_zero(a, m, level, 0.0, a[0, m] - level, bottom, at_bottom)
     return 2.0

@@ -2,7 +2,8 @@
 
 A conditional logit (McFadden 1974): the probability of an explanation is proportional to the
 exponential of a weighted sum of a few numbers (``NAMES``) that say how well it fits. The weights
-are fitted to practice campaigns by ``gap calibrate`` and stored in ``calibration.json``.
+are fitted to practice campaigns (``diagnosis.learn``) by ``gap calibrate`` and stored in
+``calibration.json``.
 
 E is the loss of an explanation (``Score.loss``), R the chi2 that the flexible regression still
 predicts in its residual, N the number of values; "best" is the explanation with least E + R.
@@ -26,17 +27,16 @@ as a pair of it and something unknown (``beside``): the true pair if its second 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.stats import norm
 
-from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.errors import AnalysisError
@@ -99,19 +99,6 @@ class Chance(Explanation):
     """An explanation with its probability."""
 
     probability: float
-
-
-@dataclass(frozen=True)
-class LabelledCampaign:
-    """A practice campaign as input of the fit of the weights.
-
-    Attributes:
-        table: (k, len(NAMES)) numbers of its explanations.
-        true: (k,) which of the explanations are true.
-    """
-
-    table: Array
-    true: Flags
 
 
 def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
@@ -209,81 +196,6 @@ def chances(evidence: Evidence, weights: Array | None = None) -> list[Chance]:
         for e, q in zip(explanations, p / p.sum(), strict=True)
     ]
     return sorted(by_explanation, key=lambda f: -f.probability)
-
-
-def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags:
-    """Mask (k,) of the explanations that are true; none of them may be.
-
-    If the truth is a pair that is not among them, either of its effects with something unknown
-    beside it is true.
-
-    Args:
-        truth: ids of the true effects; empty for none; ``("unknown",)``.
-    """
-    exact = np.array(
-        [sorted(explanation.effects) == sorted(truth) for explanation in explanations]
-    )
-    if exact.any() or len(truth) != 2:
-        return exact
-    return np.array(
-        [not explanation.whole and explanation.effects[0] in truth for explanation in explanations]
-    )
-
-
-def labelled_campaign(evidence: Evidence, truth: Sequence[str]) -> LabelledCampaign:
-    """Label the explanations of a campaign by its truth (as in ``are_true``)."""
-    explanations, table = numbers(evidence)
-    return LabelledCampaign(table, are_true(explanations, truth))
-
-
-def fit(evidence: Sequence[Evidence], truths: Sequence[tuple[str, ...]], penalty: float) -> Array:
-    """Weights (len(NAMES),) with the largest penalised likelihood of the truths.
-
-    Campaigns none of whose explanations is true are ignored.
-
-    Args:
-        truths: true effects of each campaign, as in ``are_true``.
-        penalty: precision of the prior of the weights about zero.
-    """
-    return fit_labelled(
-        [labelled_campaign(e, t) for e, t in zip(evidence, truths, strict=True)], penalty
-    )
-
-
-def fit_labelled(
-    labelled: Sequence[LabelledCampaign],
-    penalty: float,
-    start: Array | None = None,
-    prior_mean: Array | None = None,
-) -> Array:
-    """``fit`` for labelled campaigns; without any that counts, the prior mean.
-
-    Args:
-        start: (len(NAMES),) weights to start the search from, to save time; None: prior mean.
-        prior_mean: (len(NAMES),) prior mean of the weights; None: zero.
-    """
-    prior_mean = np.zeros(len(NAMES)) if prior_mean is None else prior_mean
-    labelled = [campaign for campaign in labelled if campaign.true.any()]
-    if not labelled:
-        return prior_mean
-    table = np.concatenate([campaign.table for campaign in labelled])
-    true = np.concatenate([campaign.true for campaign in labelled])
-    sizes = np.array([len(campaign.true) for campaign in labelled])
-    starts = np.cumsum(sizes) - sizes
-
-    def loss(w: Array) -> tuple[float, Array]:
-        score = table @ w
-        score -= np.repeat(np.maximum.reduceat(score, starts), sizes)
-        p = np.exp(score)
-        p /= np.repeat(np.add.reduceat(p, starts), sizes)
-        inside = np.maximum(np.add.reduceat(p * true, starts), 1e-300)
-        slope = (p - p * true / np.repeat(inside, sizes)) @ table
-        off = w - prior_mean
-        value = 0.5 * penalty * float(off @ off) - float(np.log(inside).sum())
-        return value, slope + penalty * off
-
-    start = prior_mean if start is None else start
-    return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B").x)
 
 
 @cache

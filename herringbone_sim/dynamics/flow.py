@@ -100,7 +100,7 @@ class GearFlow:
         by_rk4 = self.model.parameters.method == "rk4" and self.model.integrator is None
         if len(tangents) and by_rk4:
             raise ParameterError("tangents need method: taylor, got rk4: change method")
-        y, tangents = self._stepper.cross(y, tangents, at * self.cycles, self.cycles)
+        y, tangents = self._stepper.advance_cycles(y, tangents, at * self.cycles, self.cycles)
         if not float(np.abs(y).max()) < LIMIT:
             raise DivergenceError(
                 f"the motion left the range of any gear: displacements beyond {LIMIT:g} b_c"
@@ -120,7 +120,7 @@ def period_of(model: Model) -> int:
         ParameterError: it is longer than 2100 mesh cycles, or infinite.
     """
     p = model.packed
-    of_effects = [*p.orders, *p.load_orders, *(1.0 / p.windows[:, 0])]
+    of_effects = [*p.orders, *p.load_orders, *(1.0 / p.events[:, 0])]
     each = [cycles_of(float(order), MOST_CYCLES) for order in of_effects]
     each += [cycles_of(p.control_order)] if p.K else []
     cycles = math.lcm(*each)

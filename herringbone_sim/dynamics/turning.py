@@ -112,13 +112,16 @@ def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
     x, v = np.empty((2, len(points), count, n))
     for i, y in enumerate(points):
         state = State(y, 0, 0, 0.0, np.zeros((0, len(y))), np.zeros(0))
-        rows = gear_stepper.advance(state, count).rows
-        x[i] = rows[:, 5 : 5 + n] / s.b_c + added
-        v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate
-        if model.n_own and model.integrator is None:
-            own = gear_stepper.trace(state, count)[0][:, model.layout.n_state :]
-            x[i] += own[:, : model.n_own] @ model.packed.own_shift
-            v[i] += own[:, model.n_own :] @ model.packed.own_shift
+        moved = np.zeros((2, count, n))
+        if model.n_added_coordinates and model.integrator is None:
+            states, _, _, grid_points = gear_stepper.trace(state, count)
+            rows = gear_stepper.read(states, grid_points)
+            own = states[:, model.layout.n_state :].reshape(count, 2, -1)
+            moved = own.swapaxes(0, 1) @ model.packed.added_shift
+        else:
+            rows = gear_stepper.advance(state, count).rows
+        x[i] = rows[:, 5 : 5 + n] / s.b_c + added + moved[0]
+        v[i] = rows[:, 5 + n : 5 + 2 * n] / s.velocity_m_per_s + rate + moved[1]
     return x.reshape(-1, n), v.reshape(-1, n)
 
 
@@ -138,7 +141,7 @@ def displacement(model: Model, cycles: Array) -> tuple[Array, Array]:
         angle = TWO_PI * np.mod(order * cycles, 1.0)[:, None]
         d += cos * np.cos(angle) + sin * np.sin(angle)
         rate += order * p.Omega * (sin * np.cos(angle) - cos * np.sin(angle))
-    for (period, middle, width), height in zip(p.windows, p.window_d, strict=True):
+    for (period, middle, width), height in zip(p.events, p.event_d, strict=True):
         s = (np.mod(cycles - middle + 0.5 * period, period) - 0.5 * period)[:, None]
         inside = np.abs(s) < 0.5 * width
         angle = TWO_PI * s / width

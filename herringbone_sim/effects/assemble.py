@@ -10,20 +10,10 @@ import numpy as np
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.gear import in_order, laws
+from herringbone_sim.effects.gear import acting, laws
 from herringbone_sim.effects.lanes.batch import LaneStepper
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.slots import Slots
-
-
-def acting(actives: Sequence[Active]) -> tuple[Active, ...]:
-    """Return the effects that change the motion, all but sensor effects, ``in_order``."""
-    return tuple(in_order([active for active in actives if active.effect.level != "sensor"]))
-
-
-def in_slots(actives: Sequence[Active]) -> bool:
-    """Return whether slots can represent each of these effects; sensor effects do not count."""
-    return all(active.effect.fill is not None for active in acting(actives))
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
@@ -37,7 +27,7 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     chosen = acting(actives)
-    if in_slots(chosen):
+    if all(active.effect.fill is not None for active in chosen):
         in_core, bent_twice = _in_slots(model, chosen)
         if not bent_twice:
             return in_core
@@ -55,8 +45,8 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
     return replace(
         filled,
-        effects=chosen,
-        own=tuple(zip(_state_keys(chosen), map(int, sizes), strict=True)),
+        effects=tuple(chosen),
+        added_sizes=tuple(zip(_state_keys(chosen), map(int, sizes), strict=True)),
         integrator=LaneStepper if any(active.effect.lanes for active in chosen) else LawStepper,
     )
 
@@ -73,15 +63,15 @@ def _in_slots(model: Model, chosen: Sequence[Active]) -> tuple[Model, bool]:
     """
     slots, sizes = Slots(model), []
     for active in chosen:
-        before = slots.n_own
+        before = slots.n_added_coordinates
         if active.effect.fill is not None:
             active.effect.fill(slots, active.theta, active.locus.mask(model.layout), active.chosen)
-        sizes.append(2 * (slots.n_own - before))
+        sizes.append(2 * (slots.n_added_coordinates - before))
     filled = replace(
         model,
         packed=slots.packed() if chosen else model.bare,
         effects=tuple(chosen),
-        own=tuple(zip(_state_keys(chosen), sizes, strict=True)),
+        added_sizes=tuple(zip(_state_keys(chosen), sizes, strict=True)),
         integrator=None,
     )
     return filled, slots.bent_twice

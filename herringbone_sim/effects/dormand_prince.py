@@ -45,7 +45,7 @@ class Gear(NamedTuple):
     theta: tuple[Array, ...]  # of each effect
     gear: Array  # ``gear.gear_table``
     p: Any  # ``core.packed.Packed``
-    si: Array  # (5,) units, see ``run.at_instant``
+    si: Array  # (5,) units, see ``run.forces_of_state``
     now: Array  # (5,) as in ``effects.law``
     w: Any  # ``gear.Scratch``
     g: Any  # ``law_stepper._Stage``
@@ -59,14 +59,14 @@ class Gear(NamedTuple):
 class Trial(NamedTuple):
     """Work arrays of a step with 7 stages, the last one at its end; n = n_mesh."""
 
-    side: NDArray[np.int64]  # (n,) contact states saved while tangents are advanced
+    saved_contact_state: NDArray[np.int64]  # (n,) contact states saved while tangents are advanced
     z: Array  # (s,) state, with the effects' states in SI units
     y: Array  # (7, s) state at each stage
     rate: Array  # (7, s) slope at each stage
-    hold: Array  # (7, n) shift of each deflection into its contact state [m], see ``stage``
+    clamp_shift: Array  # (7, n) shift of each deflection into its contact state [m], see ``stage``
     bound: Array  # (2,) phases [rad] between which the laws are evaluated
-    gap: Array  # (4, 2 n) margins, see ``crossing``
-    pace: Array  # (4, n) rates of the first n
+    margin: Array  # (4, 2 n) margins, see ``crossing``
+    margin_rate: Array  # (4, n) rates of the first n
     sign: Array  # (n,) signs of the mesh forces at the start
     along: Array  # (7, s) derivatives of the slope along a tangent
     direction: Array  # (s,) tangent at a stage, or slope before a switch
@@ -96,13 +96,13 @@ def slope(m, cycle, phase, y, dy):
 
 @inlined
 def stage(m, i, cycle, phase):
-    """Compute the slope of stage i and ``hold``, by which a difference there crosses no kink."""
+    """Compute the slope of stage i and ``clamp_shift``, so that a difference crosses no kink."""
     r, w = m.r, m.w
     slope(m, cycle, phase, r.y[i], r.rate[i])
     for j in range(w.x.size):
         x = m.g.x[j] + w.law[SHIFT, j]
-        r.hold[i, j] = (
-            clamp_to_contact(x, w.law[PLAY, j], w.side[j], 4.0 * APART * m.si[LENGTH]) - x
+        r.clamp_shift[i, j] = (
+            clamp_to_contact(x, w.law[PLAY, j], w.contact_state[j], 4.0 * APART * m.si[LENGTH]) - x
         )
 
 
@@ -142,7 +142,7 @@ def length(v):
 
 @called
 def difference(m, cycle, phase, y, v, dv):
-    """Write the derivative of the slope at y along v into dv; ``m.w.hold`` moves deflections."""
+    """Write the derivative of the slope at y along v to dv; ``clamp_shift`` moves deflections."""
     r, size = m.r, length(v)
     for k in range(v.size):
         dv[k] = 0.0
@@ -160,9 +160,9 @@ def difference(m, cycle, phase, y, v, dv):
 def carry(m, cycle, phase, h, tangents):
     """Advance tangents (k, s) in place over the step of length h that was tried last."""
     r, w = m.r, m.w
-    for j in range(w.side.size):
-        r.side[j] = w.side[j]
-        w.side[j] = FREE
+    for j in range(w.contact_state.size):
+        r.saved_contact_state[j] = w.contact_state[j]
+        w.contact_state[j] = FREE
     for a in range(tangents.shape[0]):
         v = tangents[a]
         for i in range(6):
@@ -171,12 +171,12 @@ def carry(m, cycle, phase, h, tangents):
                 for j in range(i):
                     moved += A[i, j] * r.along[j, k]
                 r.direction[k] = v[k] + h * moved
-            for j in range(w.side.size):
-                w.hold[j] = r.hold[i, j]
+            for j in range(w.contact_state.size):
+                w.clamp_shift[j] = r.clamp_shift[i, j]
             at = phase + NODE[i] * h * m.p.Omega
             difference(m, cycle, at, r.y[i], r.direction, r.along[i])
         for k in range(v.size):
             for j in range(6):
                 v[k] += h * A[6, j] * r.along[j, k]
-    for j in range(w.side.size):
-        w.side[j] = r.side[j]
+    for j in range(w.contact_state.size):
+        w.contact_state[j] = r.saved_contact_state[j]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -94,16 +95,12 @@ class Locus:
                     f"{shown(value)}: name meshes of the gear (model: full tells planets apart)"
                 )
         chosen = [
-            float(
-                self.mesh in ("all", kind)
-                and self.planet in ("all", planet)
-                and self.side in ("all", side)
-            )
-            for kind in KINDS
-            for side in SIDES
-            for planet in planets
+            self.mesh in ("all", kind)
+            and self.side in ("all", side)
+            and self.planet in ("all", planet)
+            for kind, side, planet in product(KINDS, SIDES, planets)
         ]
-        return np.array(chosen)
+        return np.array(chosen, dtype=float)
 
 
 ALL = Locus()
@@ -207,9 +204,7 @@ class Effect:
                 names if part == "*" else (part,)
                 for part, names in zip(pattern, known, strict=True)
             ]
-            for mesh in parts[0]:
-                for planet in parts[1]:
-                    loci |= {Locus(mesh, planet, side): None for side in parts[2]}
+            loci |= {Locus(*place): None for place in product(*parts)}
         return tuple(loci)
 
 
@@ -239,11 +234,7 @@ class Active:
         return {o.name: o.start for o in self.effect.options} | dict(self.options)
 
 
-def active(
-    effect: Effect,
-    locus: Locus = ALL,
-    values: Mapping[str, Any] | None = None,
-) -> Active:
+def active(effect: Effect, locus: Locus = ALL, values: Mapping[str, Any] | None = None) -> Active:
     """Return an effect at a place with ``values`` of parameters and options by name.
 
     Missing ones have their start values. The locus may be wider or narrower than ``effect.loci``.
@@ -287,8 +278,7 @@ def _check_locus(effect: Effect, locus: Locus) -> None:
 
 def _number(effect: Effect, p: Parameter, value: Any) -> float:
     """Return a value as a float; ParameterError unless it is neutral or within the bounds."""
-    numbers = (int, float, np.integer, np.floating)
-    if isinstance(value, bool) or not isinstance(value, numbers):
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ParameterError(f"{p.name} of {effect.id} must be a number, got {shown(value)}")
     if value != p.neutral and not p.low <= value <= p.high:
         raise ParameterError(

@@ -105,7 +105,7 @@ def evaluate(
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     effect_laws = laws(model, actives)
-    if effect_laws.n_own and moved.force is None:
+    if effect_laws.n_added_states and moved.force is None:
         raise AnalysisError(
             "an effect with states of its own is driven by the measured forces, the recording has "
             "none: record F of every mesh"
@@ -124,8 +124,8 @@ def evaluate(
             moved.x,
             moved.v,
             force if moved.force is None else moved.force,
-            np.zeros(effect_laws.n_own),
-            scratch(model, effect_laws.n_own),
+            np.zeros(effect_laws.n_added_states),
+            scratch(model, effect_laws.n_added_states),
             SUBSTEPS,
             force,
             torque,

@@ -81,23 +81,24 @@ class Laws:
         return Kernel(self.excite, self.react, self.drive, self.first, self.n_active, self.acts)
 
     @property
-    def n_own(self) -> int:
+    def n_added_states(self) -> int:
         """Number of states that the effects add."""
         return int(self.first[-1])
 
 
-def in_order(actives: Sequence[Active]) -> list[Active]:
-    """Return effects in the order in which they act: those that are ``last`` after all others."""
-    return sorted(actives, key=lambda active: active.effect.last)
+def acting(actives: Sequence[Active]) -> list[Active]:
+    """Return the effects that change the motion, all but sensor effects, ``last`` ones last."""
+    chosen = [active for active in actives if active.effect.level != "sensor"]
+    return sorted(chosen, key=lambda active: active.effect.last)
 
 
 def laws(model: Model, actives: Sequence[Active]) -> Laws:
-    """Return laws and constants of active effects ``in_order``; sensor effects are left out.
+    """Return laws and constants of the effects that change the motion, in the order of ``acting``.
 
     Raises:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
-    mine = in_order([active for active in actives if active.effect.level != "sensor"])
+    mine = acting(actives)
     used, chosen = len(mine), _padded(mine)
     sizes = [active.effect.states(model) for active in chosen]
     excite, react, drive = pointers(mine, (EXCITE, REACT, DRIVE))
@@ -200,7 +201,7 @@ class Kernel(NamedTuple):
 class Scratch(NamedTuple):
     """Work arrays of the laws, SI units; n = n_mesh, s = states of effects, b = bodies."""
 
-    side: NDArray[np.int64]  # (n,) contact state imposed on each mesh (-1, 0, 1), or FREE
+    contact_state: NDArray[np.int64]  # (n,) contact state imposed on each mesh (-1, 0, 1), or FREE
     law: Array  # (5, n) as in ``effects.law``
     x: Array  # (n,) deflection with the effects' displacements
     v: Array  # (n,) its rate
@@ -209,19 +210,19 @@ class Scratch(NamedTuple):
     driving: Array  # (n,) mesh forces between samples
     stage: Array  # (s,) states of effects at an RK4 stage
     slope: Array  # (4, s) rates of the states at the RK4 stages
-    hold: Array  # (n,) added to the deflection of a mesh that is FREE
+    clamp_shift: Array  # (n,) added to the deflection of a mesh that is FREE
 
 
-def scratch(model: Model, n_own: int) -> Scratch:
-    """Return zeroed work arrays for a model with n_own states of effects; all meshes FREE."""
+def scratch(model: Model, n_added_states: int) -> Scratch:
+    """Return zeroed work arrays for a model and states of effects; all meshes FREE."""
     n = model.layout.n_mesh
-    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_own, (4, n_own), n)
+    sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_added_states, (4, n_added_states), n)
     free = np.full(n, FREE, dtype=np.int64)
     return Scratch(free, *(np.zeros(size) for size in sizes))
 
 
 _lock = threading.Lock()
-_inside: list[None] = []  # an entry for each ``pointers_allowed`` that is entered
+_inside = 0  # number of ``pointers_allowed`` that are entered
 _filters = ExitStack()  # restores the warning filters, which are global to the process
 
 
@@ -231,15 +232,16 @@ def pointers_allowed() -> Iterator[None]:
 
     Several threads may be inside at a time: the last to leave restores the warning filters.
     """
+    global _inside
     with _lock:
-        if not _inside:
+        if _inside == 0:
             _filters.enter_context(warnings.catch_warnings())
             warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        _inside.append(None)
+        _inside += 1
     try:
         yield
     finally:
         with _lock:
-            _inside.pop()
-            if not _inside:
+            _inside -= 1
+            if _inside == 0:
                 _filters.close()

@@ -9,8 +9,8 @@ from herringbone_sim.effects.law import (
     DAMPING,
     HARMONICS,
     MEAN_K,
-    OWN_B,
-    OWN_C,
+    NOMINAL_B,
+    NOMINAL_C,
     PHASE,
     PLAY,
     SHIFT,
@@ -20,39 +20,39 @@ from herringbone_sim.effects.law import (
     play,
 )
 
-FREE = 2  # value of ``Scratch.side``: the contact state follows from the deflection
+FREE = 2  # value of ``Scratch.contact_state``: the contact state follows from the deflection
 BEYOND = 1e-15  # m: margin by which a deflection on an edge is moved into its contact state
 
 
 @inlined
-def clamp_to_contact(x, b, side, margin):
+def clamp_to_contact(x, b, contact_state, margin):
     """Clamp a deflection x [m] into a contact state, ``margin`` [m] away from its border.
 
     Args:
         b: half backlash [m]; the borders are -b and b.
-        side: 1 drive contact (x >= b + margin), -1 back contact (x <= -b - margin), 0 separated
-            (abs(x) <= b - margin, or 0 where b < margin).
+        contact_state: 1 drive contact (x >= b + margin), -1 back contact (x <= -b - margin), 0
+            separated (abs(x) <= b - margin, or 0 where b < margin).
     """
-    if side == 0:
+    if contact_state == 0:
         edge = max(b - margin, 0.0)
         return min(max(x, -edge), edge)
-    return max(x, b + margin) if side > 0 else min(x, -b - margin)
+    return max(x, b + margin) if contact_state > 0 else min(x, -b - margin)
 
 
 @inlined
-def instant(e, site, theta, gear, now, own, x, v, w):
+def forces_of_motion(e, site, theta, gear, now, added_states, x, v, w):
     """Compute the law of the meshes, mesh forces and torques of effects at one instant.
 
     Results are ``w.law``, ``w.force`` and ``w.torque``. ``e`` is ``gear.Laws.kernel``; x, v (n,)
     are deflections and rates without the displacements of effects, which are added to give ``w.x``
-    and ``w.v``. If ``w.side`` imposes a contact state (-1, 0, 1) on a mesh, its force is continued
-    smoothly beyond the edge of the backlash, and ``react`` gets a deflection inside that state, so
-    that jumps and kinks only occur between steps.
+    and ``w.v``. If ``w.contact_state`` imposes a contact state (-1, 0, 1) on a mesh, its force is
+    continued smoothly beyond the edge of the backlash, and ``react`` gets a deflection inside that
+    state, so that jumps and kinks only occur between steps.
     """
     for m in range(x.size):
         w.law[STIFFNESS, m] = gear[MEAN_K, m]
-        w.law[DAMPING, m] = gear[OWN_C, m]
-        w.law[PLAY, m] = gear[OWN_B, m]
+        w.law[DAMPING, m] = gear[NOMINAL_C, m]
+        w.law[PLAY, m] = gear[NOMINAL_B, m]
         w.law[SHIFT, m] = 0.0
         w.law[SHIFT_RATE, m] = 0.0
     for j in range((gear.shape[0] - HARMONICS) // 4):
@@ -62,37 +62,37 @@ def instant(e, site, theta, gear, now, own, x, v, w):
             w.law[STIFFNESS, m] += gear[row, m] * cos + gear[row + 1, m] * sin
     for i in range(e.n_active):
         if e.acts[i, 0]:
-            mine = own[e.first[i] : e.first[i + 1]]
+            mine = added_states[e.first[i] : e.first[i + 1]]
             e.excite[i](theta[i], site[i], gear, now, mine, w.law)
     for m in range(x.size):
-        shown, b, side = x[m] + w.law[SHIFT, m], w.law[PLAY, m], w.side[m]
+        shown, b, contact_state = x[m] + w.law[SHIFT, m], w.law[PLAY, m], w.contact_state[m]
         w.v[m] = v[m] + w.law[SHIFT_RATE, m]
-        if side == FREE:
-            w.x[m] = shown + w.hold[m]
+        if contact_state == FREE:
+            w.x[m] = shown + w.clamp_shift[m]
             f = play(w.x[m], b)
         else:
-            w.x[m] = clamp_to_contact(shown, b, side, BEYOND)
-            f = shown - side * b if side != 0 else 0.0
+            w.x[m] = clamp_to_contact(shown, b, contact_state, BEYOND)
+            f = shown - contact_state * b if contact_state != 0 else 0.0
         w.force[m] = w.law[STIFFNESS, m] * f + w.law[DAMPING, m] * w.v[m]
     w.torque[:] = 0.0
     for i in range(e.n_active):
         if e.acts[i, 1]:
-            mine = own[e.first[i] : e.first[i + 1]]
+            mine = added_states[e.first[i] : e.first[i + 1]]
             e.react[i](theta[i], site[i], gear, now, mine, w.x, w.v, w.law, w.force, w.torque)
 
 
 @inlined
-def own_slopes(e, site, theta, gear, now, own, force, slope):
+def added_state_rates(e, site, theta, gear, now, added_states, force, slope):
     """Write the time derivatives (s,) of the effects' states at mesh forces (n,) to ``slope``."""
     for i in range(e.n_active):
         a, b = e.first[i], e.first[i + 1]
         if b > a:
-            e.drive[i](theta[i], site[i], gear, now, own[a:b], force, slope[a:b])
+            e.drive[i](theta[i], site[i], gear, now, added_states[a:b], force, slope[a:b])
 
 
 @called
-def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
-    """Advance states of effects ``own`` (s,) in place over h [s] by RK4 in ``substeps`` steps.
+def follow(e, site, theta, gear, now, added_states, here, there, w, h, substeps):
+    """Advance ``added_states`` (s,) in place over h [s] by RK4 in ``substeps`` steps.
 
     Mesh forces (n,) vary linearly from ``here`` to ``there``; ``now`` is constant.
     """
@@ -103,28 +103,42 @@ def follow(e, site, theta, gear, now, own, here, there, w, h, substeps):
             at = (k + part) / substeps
             for m in range(here.size):
                 w.driving[m] = here[m] + at * (there[m] - here[m])
-            for j in range(own.size):
+            for j in range(added_states.size):
                 before = part * step * w.slope[max(stage - 1, 0), j] if stage > 0 else 0.0
-                w.stage[j] = own[j] + before
-            own_slopes(e, site, theta, gear, now, w.stage, w.driving, w.slope[stage])
-        for j in range(own.size):
+                w.stage[j] = added_states[j] + before
+            added_state_rates(e, site, theta, gear, now, w.stage, w.driving, w.slope[stage])
+        for j in range(added_states.size):
             inner = w.slope[1, j] + w.slope[2, j]
-            own[j] += step / 6.0 * (w.slope[0, j] + 2.0 * inner + w.slope[3, j])
+            added_states[j] += step / 6.0 * (w.slope[0, j] + 2.0 * inner + w.slope[3, j])
 
 
 @law
-def recorded(e, site, theta, gear, times, now, x, v, measured, own, w, substeps, force, torque):
+def recorded(
+    e, site, theta, gear, times, now, x, v, measured, added_states, w, substeps, force, torque
+):
     """Write ``force`` (samples, n) and ``torque`` (samples, bodies) of a recorded motion.
 
-    States of effects start from ``own``, which is overwritten, and follow the mesh forces
+    States of effects start from ``added_states``, which is overwritten, and follow the mesh forces
     ``measured`` (samples, n).
     """
     for i in range(x.shape[0]):
-        instant(e, site, theta, gear, now[i], own, x[i], v[i], w)
+        forces_of_motion(e, site, theta, gear, now[i], added_states, x[i], v[i], w)
         for m in range(w.force.size):
             force[i, m] = w.force[m]
         for k in range(w.torque.size):
             torque[i, k] = w.torque[k]
-        if own.size > 0 and i + 1 < x.shape[0]:
+        if added_states.size > 0 and i + 1 < x.shape[0]:
             h = times[i + 1] - times[i]
-            follow(e, site, theta, gear, now[i], own, measured[i], measured[i + 1], w, h, substeps)
+            follow(
+                e,
+                site,
+                theta,
+                gear,
+                now[i],
+                added_states,
+                measured[i],
+                measured[i + 1],
+                w,
+                h,
+                substeps,
+            )

@@ -4,9 +4,9 @@ An effect has up to three laws, each compiled by the decorator ``law`` and calle
 with all meshes. They work in place: excite changes ``law``, react changes ``force`` and
 ``torque``, drive writes ``slope``::
 
-    excite(theta, site, gear, now, own, law)
-    react(theta, site, gear, now, own, x, v, law, force, torque)
-    drive(theta, site, gear, now, own, force, slope)
+    excite(theta, site, gear, now, added_states, law)
+    react(theta, site, gear, now, added_states, x, v, law, force, torque)
+    drive(theta, site, gear, now, added_states, force, slope)
 
 Arrays, with n = n_mesh in the order of ``core.layout``:
 
@@ -14,7 +14,8 @@ Arrays, with n = n_mesh in the order of ``core.layout``:
     site (rows, n): from ``Effect.place``; row 0 is 1 on the meshes of the locus, else 0.
     gear (rows, n): constants of the meshes without effects, see ``gear.gear_table``.
     now (5,): unwrapped mesh phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K.
-    own (s,): states of the effect, displacement and rate alternating; ``slope (s,)``: their rates.
+    added_states (s,): states of the effect, displacement and rate alternating; ``slope (s,)``:
+        their rates.
     law (5, n): stiffness k [N/m], damping c [N s/m], half-backlash b [m], and a displacement
         d [m] with its rate d' [m/s]: the mesh force is k f(x + d) + c (v + d').
     x, v (n,): deflection [m] and its rate [m/s], d and its rate included.
@@ -34,7 +35,7 @@ from herringbone_sim.core.packed import TWO_PI
 
 STIFFNESS, DAMPING, PLAY, SHIFT, SHIFT_RATE = range(5)
 PHASE, FREQUENCY, DELTA_T, TORQUE, CONTROL = range(5)
-MEAN_K, OWN_C, OWN_B, MEAN_E, HARMONICS = range(5)
+MEAN_K, NOMINAL_C, NOMINAL_B, MEAN_E, HARMONICS = range(5)
 
 law: Any = njit(cache=True, **COMPILED)
 
@@ -123,15 +124,15 @@ def play(x, b):
 
 
 @law
-def no_excite(theta, site, gear, now, own, law):
+def no_excite(theta, site, gear, now, added_states, law):
     """Change nothing; the default ``Effect.excite``."""
 
 
 @law
-def no_react(theta, site, gear, now, own, x, v, law, force, torque):
+def no_react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Change nothing; the default ``Effect.react``."""
 
 
 @law
-def no_drive(theta, site, gear, now, own, force, slope):
+def no_drive(theta, site, gear, now, added_states, force, slope):
     """Write nothing; the default ``Effect.drive``, of an effect without states."""

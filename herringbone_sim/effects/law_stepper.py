@@ -17,10 +17,10 @@ from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
 from herringbone_sim.core.packed import of_one_type
-from herringbone_sim.core.run import Moving
+from herringbone_sim.core.run import StateArrays
 from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
-from herringbone_sim.effects.rows import cross, run
+from herringbone_sim.effects.rows import advance_cycles, run
 
 Indices = NDArray[np.int64]
 
@@ -53,11 +53,11 @@ class LawStepper(Stepper):
         self._entries: dict[Any, Any] = {}
         self._directions = None
         effect_laws = laws(model, model.effects)
-        n, n_own = layout.n_mesh, effect_laws.n_own
+        n, n_added_states = layout.n_mesh, effect_laws.n_added_states
         x, v, scaled = np.zeros((3, n))
         force = s.b_c * s.omega_n**2 / s.projection
-        unit = np.ones(layout.n_state + n_own)
-        unit[layout.n_state :] = np.resize([s.b_c, s.velocity_m_per_s], n_own)
+        unit = np.ones(layout.n_state + n_added_states)
+        unit[layout.n_state :] = np.resize([s.b_c, s.velocity_m_per_s], n_added_states)
         self.gear = Gear(
             e=effect_laws.kernel,
             site=effect_laws.site,
@@ -66,7 +66,7 @@ class LawStepper(Stepper):
             p=of_one_type(model.packed),
             si=np.array([s.b_c, s.velocity_m_per_s, force, s.b_c / s.cos_beta, s.omega_n]),
             now=np.array([0.0, p.Omega * s.omega_n, p.delta_T, p.T_1, p.K]),
-            w=scratch(model, n_own),
+            w=scratch(model, n_added_states),
             g=_Stage(x, v, scaled, s.projection),
             r=trial(n, unit.size),
             unit=unit,
@@ -85,9 +85,9 @@ class LawStepper(Stepper):
         return run
 
     def _sample(
-        self, moving: Moving, t: float, rows: Array
+        self, arrays: StateArrays, t: float, rows: Array
     ) -> tuple[float, int, int, NDArray[Any]]:
-        """Fill rows and advance ``moving`` in place.
+        """Fill rows and advance ``arrays`` in place.
 
         Returns time [s], rows filled, contact switches, and the time (n_mesh, 3) in back contact,
         separated and in drive contact, in sample periods.
@@ -96,16 +96,18 @@ class LawStepper(Stepper):
         spent = self.gear.r.spent
         spent[:] = 0.0
         stride = p.steps // p.samples_per_cycle
-        y, tangents, _, growth, place = moving
+        y, tangents, _, growth, grid_point = arrays
         end, filled, switches = self._call(
-            run, y, tangents, growth, place, t, p.steps, stride, rows
+            run, y, tangents, growth, grid_point, t, p.steps, stride, rows
         )
         sample = 2.0 * np.pi / (p.Omega * p.samples_per_cycle)
         return end, filled, switches, spent / sample
 
-    def cross(self, y: Array, tangents: Array, cycle: int, cycles: int) -> tuple[Array, Array]:
+    def advance_cycles(
+        self, y: Array, tangents: Array, cycle: int, cycles: int
+    ) -> tuple[Array, Array]:
         y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float, order="C")
-        self._call(cross, y, tangents, cycle, cycles, self.model.parameters.steps)
+        self._call(advance_cycles, y, tangents, cycle, cycles, self.model.parameters.steps)
         return y, tangents
 
     def _call(self, kernel: Any, *args: Any) -> Any:
@@ -121,5 +123,5 @@ class LawStepper(Stepper):
                     self._entries[kernel] = entry_point(kernel, kinds)
         return self._entries[kernel](self.gear, *args)
 
-    def _own_order(self) -> Indices:
+    def _added_order(self) -> Indices:
         return np.arange(self.model.n_state - self.model.layout.n_state)

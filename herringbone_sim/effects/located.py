@@ -37,40 +37,40 @@ RESIDUE = 1e-13  # remaining length that counts as rounding
 
 @inlined
 def margins(m, row):
-    """Write the margins (see ``crossing``) of the last evaluated slope into a row of ``gap``.
+    """Write the margins (see ``crossing``) of the last evaluated slope into a row of ``margin``.
 
-    A margin is negative beyond the edge of the contact state ``side``, or where a force differs in
-    sign from ``sign``; force margins are 1 if no law reads forces. Rates go into ``pace``.
+    A margin is negative beyond the edge of the contact state, or where a force differs in sign
+    from ``sign``; force margins are 1 if no law reads forces. Rates go into ``margin_rate``.
     """
     r, w = m.r, m.w
     n = w.x.size
     for j in range(n):
         x, b, v = m.g.x[j] + w.law[SHIFT, j], w.law[PLAY, j], w.v[j]
-        side = w.side[j]
-        if side != 0:
-            gap, pace = side * x - b, side * v
+        contact_state = w.contact_state[j]
+        if contact_state != 0:
+            margin, margin_rate = contact_state * x - b, contact_state * v
         else:
             outward = 1.0 if x > 0.0 or (x == 0.0 and v > 0.0) else -1.0
-            gap, pace = b - abs(x), -outward * v
-        r.gap[row, j] = gap / m.si[LENGTH]
-        r.pace[row, j] = pace / m.si[RATE]
-        r.gap[row, n + j] = r.sign[j] * w.force[j] / m.si[FORCE] if m.reacts else 1.0
+            margin, margin_rate = b - abs(x), -outward * v
+        r.margin[row, j] = margin / m.si[LENGTH]
+        r.margin_rate[row, j] = margin_rate / m.si[RATE]
+        r.margin[row, n + j] = r.sign[j] * w.force[j] / m.si[FORCE] if m.reacts else 1.0
 
 
 @called
 def contact_now(m, cycle, phase, y):
     """Set every mesh to the contact state that follows from its deflection in state y."""
     w = m.w
-    for j in range(w.side.size):
-        w.side[j] = 0
+    for j in range(w.contact_state.size):
+        w.contact_state[j] = 0
     slope(m, cycle, phase, y, m.r.rate[0])
-    for j in range(w.side.size):
+    for j in range(w.contact_state.size):
         x, b = m.g.x[j] + w.law[SHIFT, j], w.law[PLAY, j]
-        w.side[j] = 0 + (x > b) - (x < -b)
+        w.contact_state[j] = 0 + (x > b) - (x < -b)
 
 
 @called
-def gap_along(m, cycle, phase, j, v):
+def margin_along(m, cycle, phase, j, v):
     """Return the derivative of the deflection margin of mesh j along v, at stage 0."""
     r, size, derivative = m.r, length(v), 0.0
     for sign in (1.0, -1.0):
@@ -78,7 +78,7 @@ def gap_along(m, cycle, phase, j, v):
             r.was[k] = r.y[0, k] + sign * APART / size * v[k]
         slope(m, cycle, phase, r.was, r.along[6])
         margins(m, LOW)
-        derivative += sign * r.gap[LOW, j] * size / (2.0 * APART)
+        derivative += sign * r.margin[LOW, j] * size / (2.0 * APART)
     return derivative
 
 
@@ -90,34 +90,34 @@ def begin(m, cycle, phase, tangents):
     Returns 1 if any mesh switched, else 0.
     """
     r, w = m.r, m.w
-    n, switches = w.side.size, 0
+    n, switches = w.contact_state.size, 0
     stage(m, 0, cycle, phase)
     for _ in range(3 * n):
         margins(m, START)
         for j in range(n):
-            gap, pace = r.gap[START, j], r.pace[START, j]
-            if (gap <= 0.0 and pace < 0.0) or gap < -10.0 * ON_BORDER:
+            margin, margin_rate = r.margin[START, j], r.margin_rate[START, j]
+            if (margin <= 0.0 and margin_rate < 0.0) or margin < -10.0 * ON_BORDER:
                 break
         else:
             break
-        old = w.side[j]
+        old = w.contact_state[j]
         x = m.g.x[j] + w.law[SHIFT, j]
         new = 0 if old != 0 else (1 if x > 0.0 or (x == 0.0 and w.v[j] > 0.0) else -1)
         for k in range(r.z.size):
             r.direction[k] = r.rate[0, k]
-        w.side[j] = new
+        w.contact_state[j] = new
         stage(m, 0, cycle, phase)
         largest = 0.0
         for k in range(r.z.size):
             r.direction[k] = r.rate[0, k] - r.direction[k]
             largest = max(largest, abs(r.direction[k]))
-        if largest > JUMP and pace < 0.0:
+        if largest > JUMP and margin_rate < 0.0:
             for a in range(tangents.shape[0]):
-                w.side[j] = old
-                share = gap_along(m, cycle, phase, j, tangents[a]) / pace
+                w.contact_state[j] = old
+                share = margin_along(m, cycle, phase, j, tangents[a]) / margin_rate
                 for k in range(r.z.size):
                     tangents[a, k] += share * r.direction[k]
-            w.side[j] = new
+            w.contact_state[j] = new
         stage(m, 0, cycle, phase)
         switches = 1
     for j in range(n):
@@ -131,10 +131,10 @@ def locate(m, cycle, phase, h):
     """Shorten the tried step so that it ends just beyond its first edge; returns its length."""
     r = m.r
     low, high, last = 0.0, h, h
-    keep(r.gap, r.pace, START, LOW)
-    keep(r.gap, r.pace, END, HIGH)
+    keep(r.margin, r.margin_rate, START, LOW)
+    keep(r.margin, r.margin_rate, END, HIGH)
     for count in range(TRIALS):
-        part, worst = guess(r.gap, r.pace, high - low)
+        part, worst = guess(r.margin, r.margin_rate, high - low)
         if worst <= 2.0:
             break
         if count % 4 == 3:
@@ -142,12 +142,12 @@ def locate(m, cycle, phase, h):
         last = low + min(max(part, 1e-12), 1.0 - 1e-12) * (high - low)
         attempt(m, cycle, phase, last)
         margins(m, END)
-        if passed(m.r.gap):
+        if passed(m.r.margin):
             high = last
-            keep(r.gap, r.pace, END, HIGH)
+            keep(r.margin, r.margin_rate, END, HIGH)
         else:
             low = last
-            keep(r.gap, r.pace, END, LOW)
+            keep(r.margin, r.margin_rate, END, LOW)
     if last != high:
         attempt(m, cycle, phase, high)
         margins(m, END)
@@ -157,13 +157,13 @@ def locate(m, cycle, phase, h):
 @called
 def cut(m, cycle, phase, h):
     """Return the length of the tried step: h, or shorter if it passes an edge."""
-    if passed(m.r.gap):
+    if passed(m.r.margin):
         return locate(m, cycle, phase, h)
-    part = dip(m.r.gap, m.r.pace, h)
+    part = dip(m.r.margin, m.r.margin_rate, h)
     if part < 1.0:
         attempt(m, cycle, phase, part * h)
         margins(m, END)
-        if passed(m.r.gap):
+        if passed(m.r.margin):
             return locate(m, cycle, phase, part * h)
         attempt(m, cycle, phase, h)
         margins(m, END)
@@ -171,7 +171,7 @@ def cut(m, cycle, phase, h):
 
 
 @called
-def piece(m, cycle, phase, reach, tangents):
+def piece(m, cycle, phase, piece_length, tangents):
     """Integrate from stage 0 over a piece, in which no edge is known in advance.
 
     The state at stage 0, contact states and ``tangents`` (k, s) are advanced in place; the time in
@@ -180,21 +180,21 @@ def piece(m, cycle, phase, reach, tangents):
     Args:
         cycle: mesh cycle.
         phase: mesh phase at the beginning [rad].
-        reach: length of the piece [tau].
+        piece_length: length of the piece [tau].
 
     Returns:
         Number of instants at which one or more meshes switch contact; -1 if the motion diverged.
     """
-    r, n, Omega = m.r, m.w.side.size, m.p.Omega
-    middle = phase + 0.5 * reach * Omega
+    r, n, Omega = m.r, m.w.contact_state.size, m.p.Omega
+    middle = phase + 0.5 * piece_length * Omega
     r.bound[0] = min(phase + INSIDE, middle)
-    r.bound[1] = max(phase + reach * Omega - INSIDE, middle)
+    r.bound[1] = max(phase + piece_length * Omega - INSIDE, middle)
     contact_now(m, cycle, phase, r.y[0])
     switches = begin(m, cycle, phase, tangents)
     done, want = 0.0, FIRST
-    while reach - done > RESIDUE:
-        at, pieces = phase + done * Omega, math.ceil((reach - done) / want)
-        h = (reach - done) / pieces
+    while piece_length - done > RESIDUE:
+        at, pieces = phase + done * Omega, math.ceil((piece_length - done) / want)
+        h = (piece_length - done) / pieces
         error = attempt(m, cycle, at, h)
         if not error <= 1.0 and h > SHORTEST:
             want = h * (max(0.2, 0.9 * error**-0.2) if error < 1e30 else 0.2)
@@ -204,7 +204,7 @@ def piece(m, cycle, phase, reach, tangents):
         if tangents.shape[0] > 0:
             carry(m, cycle, at, taken, tangents)
         for j in range(n):
-            r.spent[j, 1 + m.w.side[j]] += taken
+            r.spent[j, 1 + m.w.contact_state[j]] += taken
         for k in range(m.n_state):
             if not abs(r.y[6, k]) < FAR:
                 return -1
@@ -212,22 +212,22 @@ def piece(m, cycle, phase, reach, tangents):
             r.y[0, k], r.rate[0, k] = r.y[6, k], r.rate[6, k]
         done += taken
         want = h * min(5.0, 0.9 * max(error, 1e-9) ** -0.2)
-        if taken < h or passed(m.r.gap):
+        if taken < h or passed(m.r.margin):
             switches += begin(m, cycle, phase + done * Omega, tangents)
         else:
-            keep(r.gap, r.pace, END, START)
+            keep(r.margin, r.margin_rate, END, START)
             for j in range(n):
-                r.hold[0, j] = r.hold[6, j]
+                r.clamp_shift[0, j] = r.clamp_shift[6, j]
     return switches
 
 
 @called
-def to_edge(windows, Omega, cycle, phase):
+def to_edge(events, Omega, cycle, phase):
     """Return the time [tau] to the next edge of an event or the next half mesh cycle."""
-    turn = phase / TWO_PI
-    least = 0.5 * (math.floor(2.0 * (turn + ON_EDGE)) + 1.0) - turn
-    for i in range(windows.shape[0]):
-        least = min(least, cycles_to_edge(windows[i], phase, cycle))
+    cycles = phase / TWO_PI
+    least = 0.5 * (math.floor(2.0 * (cycles + ON_EDGE)) + 1.0) - cycles
+    for i in range(events.shape[0]):
+        least = min(least, cycles_to_edge(events[i], phase, cycle))
     return least * TWO_PI / Omega
 
 
@@ -253,14 +253,14 @@ def grid_step(m, cycle, phase, h, y, tangents):
         r.y[0, k] = y[k]
     while h - done > RESIDUE:
         at = phase + done * m.p.Omega
-        reach = to_edge(m.p.windows, m.p.Omega, cycle, at)
-        if done + reach > h - RESIDUE:
-            reach = h - done
-        new_switches = piece(m, cycle, at, reach, tangents)
+        piece_length = to_edge(m.p.events, m.p.Omega, cycle, at)
+        if done + piece_length > h - RESIDUE:
+            piece_length = h - done
+        new_switches = piece(m, cycle, at, piece_length, tangents)
         if new_switches < 0:
             return -1
         switches += new_switches
-        done += reach
+        done += piece_length
     for k in range(y.size):
         y[k] = r.y[0, k]
     return switches

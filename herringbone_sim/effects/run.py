@@ -6,15 +6,15 @@ import numpy as np
 
 from herringbone_sim.core.packed import TWO_PI, exposed
 from herringbone_sim.core.right_hand_side import accelerate, control_angle, deflections
-from herringbone_sim.effects.instant import instant, own_slopes
+from herringbone_sim.effects.instant import added_state_rates, forces_of_motion
 from herringbone_sim.effects.law import HARMONICS, MEAN_E, PHASE
 
-LENGTH, RATE, FORCE, TILT, FREQUENCY_N = range(5)
+LENGTH, RATE, FORCE, U_UNIT, FREQUENCY_N = range(5)
 
 
 @exposed
-def at_instant(e, site, theta, gear, p, si, now, y, w, g):
-    """Compute ``instant`` for a state, its deflections and rates in ``g.x`` and ``g.v``, in SI.
+def forces_of_state(e, site, theta, gear, p, si, now, y, w, g):
+    """Compute ``forces_of_motion`` of a state; its deflections and rates go to ``g``, in SI.
 
     ``y`` is dimensionless but for the effects' states, which are in SI units. ``si`` holds
     b_c [m], b_c omega_n [m/s], the unit of mesh forces [N] (which accelerates a mass M by 1 / M in
@@ -34,20 +34,20 @@ def at_instant(e, site, theta, gear, p, si, now, y, w, g):
         for i in range(n):
             g.x[i] -= gear[row, i] * cos + gear[row + 1, i] * sin
             g.v[i] -= omega * (j + 1) * (gear[row + 1, i] * cos - gear[row, i] * sin)
-    instant(e, site, theta, gear, now, y[2 * m :], g.x, g.v, w)
+    forces_of_motion(e, site, theta, gear, now, y[2 * m :], g.x, g.v, w)
 
 
 @exposed
 def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     """Write dy/dtau (s,): Eqs. (18), (22) with effects, then the effects' states in SI per tau."""
     now[PHASE] = TWO_PI * cycle + phase
-    at_instant(e, site, theta, gear, p, si, now, y, w, g)
+    forces_of_state(e, site, theta, gear, p, si, now, y, w, g)
     n = w.force.size
     half = n // 2
     m = 2 + half
     control = p.K * np.cos(control_angle(p, phase, cycle)) if p.K != 0.0 else 0.0
     carrier = w.torque[2] * p.inv_M_c
-    unit = si[LENGTH] / (si[TILT] * si[FORCE] * g.projection)
+    unit = si[LENGTH] / (si[U_UNIT] * si[FORCE] * g.projection)
     for k in range(m):
         dy[k] = y[m + k]
     for side in range(2):
@@ -60,6 +60,6 @@ def slope_of(e, site, theta, gear, p, si, now, cycle, phase, y, w, g, dy):
     for j in range(n):
         g.scaled[j] = w.force[j] / si[FORCE]
     accelerate(p, g.scaled, dy[m:])
-    own_slopes(e, site, theta, gear, now, y[2 * m :], w.force, dy[2 * m :])
+    added_state_rates(e, site, theta, gear, now, y[2 * m :], w.force, dy[2 * m :])
     for k in range(2 * m, y.size):
         dy[k] /= si[FREQUENCY_N]

@@ -20,7 +20,7 @@ import numpy as np
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, lengths, meaning, names
 from herringbone_sim.core.sensitivity import Direction
-from herringbone_sim.effects.assemble import acting, build_with
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active, Parameter
 from herringbone_sim.effects.written import parameter_values, parse_effect
 from herringbone_sim.errors import ParameterError, shown
@@ -68,10 +68,12 @@ def directions(model: Model, parameter_names: Sequence[str]) -> tuple[Model, lis
             a start value, a sensor).
     """
     parameters = model.parameters
-    actives = list(acting(model.effects))
+    actives = list(model.effects)
     named = [_find(model, actives, name) for name in parameter_names]
     base = model if actives == list(model.effects) else build_with(parameters, actives)
-    if base.n_own != model.n_own or not all(np.isfinite(parameter.value) for parameter in named):
+    if base.n_added_coordinates != model.n_added_coordinates or not all(
+        np.isfinite(parameter.value) for parameter in named
+    ):
         raise ParameterError(
             "an effect with coordinates of its own has no derivative at size zero: give the gear "
             "ring_flexibility or bearing_clearance with a size first"

@@ -54,10 +54,10 @@ class Slots:
         self.bent_twice = False
         self._slide = np.zeros((2, n, len(model.layout.bodies)))
         self._own: list[Coordinates] = []
-        self._windows: list[tuple[tuple[float, float, float], Array, Array]] = []
+        self._events: list[tuple[tuple[float, float, float], Array, Array]] = []
 
     @property
-    def n_own(self) -> int:
+    def n_added_coordinates(self) -> int:
         """Number of coordinates added by ``add_coordinates`` so far."""
         return sum(len(own.seat) for own in self._own)
 
@@ -100,7 +100,7 @@ class Slots:
         for timing in np.unique(when[acts], axis=0):
             here = acts & (when == timing).all(axis=1)
             event = (float(timing[0]), float(timing[1]), width)
-            self._windows.append((event, stiffness * here, displacement * here))
+            self._events.append((event, stiffness * here, displacement * here))
 
     def bend_spring(self, mask: Array, exponent: float, reference: float) -> None:
         """Set the spring force of masked meshes to k f (|f| / reference)^(exponent - 1).
@@ -144,7 +144,7 @@ class Slots:
         ):
             if np.any(body) or np.any(load):
                 self.add_torque(at, body * np.cos(angle), -body * np.sin(angle))
-                first = self.n_own - len(load)
+                first = self.n_added_coordinates - len(load)
                 row = np.zeros((2, first + len(load)))
                 row[:, first:] = load * np.cos(angle), -load * np.sin(angle)
                 before = self._own_loads.get(at, np.zeros((2, 0)))
@@ -178,12 +178,12 @@ class Slots:
         e_cos[: len(p.orders)], e_sin[: len(p.orders)] = p.e_cos, p.e_sin
         loads = np.array(sorted(self._torques))
         pushes = self._accelerations(_rows(self._torques, loads, len(layout.bodies)))
-        of_own = np.zeros((2, len(loads), self.n_own))
+        of_own = np.zeros((2, len(loads), self.n_added_coordinates))
         for j, order in enumerate(loads):
             row = self._own_loads.get(float(order), np.zeros((2, 0)))
             of_own[:, j, : row.shape[1]] = row / (s.b_c * s.omega_n**2)
         load_cos, load_sin = np.concatenate([pushes, of_own], axis=-1)
-        windows = self._windows
+        events = self._events
         none = np.zeros((0, layout.n_mesh))
         mean = self.displacement / s.b_c
         return p._replace(
@@ -199,9 +199,9 @@ class Slots:
             d_mean=mean,
             d_cos=d_cos if self._d else none,
             d_sin=d_sin if self._d else none,
-            windows=np.array([event for event, _, _ in windows]).reshape(-1, 3),
-            window_k=np.array([k for _, k, _ in windows]).reshape(-1, layout.n_mesh),
-            window_d=np.array([d for _, _, d in windows]).reshape(-1, layout.n_mesh) / s.b_c,
+            events=np.array([event for event, _, _ in events]).reshape(-1, 3),
+            event_k=np.array([k for _, k, _ in events]).reshape(-1, layout.n_mesh),
+            event_d=np.array([d for _, _, d in events]).reshape(-1, layout.n_mesh) / s.b_c,
             load_orders=loads,
             load_cos=load_cos,
             load_sin=load_sin,
@@ -230,7 +230,7 @@ class Slots:
             "extended": () if plain else (0,),
             "powers": bool(bends.any() or seat[:, 3].any()),
             "law": self._law,
-            "own_shift": joined.shift,
+            "added_shift": joined.shift,
             "seat": seat,
             "push": push,
             "pairs": np.ascontiguousarray(np.argwhere(push.any(axis=0))),

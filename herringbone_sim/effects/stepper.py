@@ -32,7 +32,7 @@ def change(old: Stepper, new: Stepper, state: State) -> State:
     n = old.model.layout.n_state
     moved = integrate.change(old.model, new.model, replace(state, y=state.y[:n]))
     fresh = new.start(len(state.tangents))
-    y = new.with_own(np.concatenate([moved.y, fresh.y[n:]]), old.own(state.y))
+    y = new.with_added_values(np.concatenate([moved.y, fresh.y[n:]]), old.added_states(state.y))
     return replace(moved, y=y, tangents=fresh.tangents, growth=fresh.growth)
 
 

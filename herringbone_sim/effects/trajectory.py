@@ -30,7 +30,7 @@ class Trajectory:
         states: (n, n_state) at each sample.
         transition: (n, n_state, n_state) dy/dy(first sample).
         columns: (n, p, n_state) dy/dtheta at the same mesh phase, see ``core.sensitivity``.
-        places: (n, 2) mesh cycle and grid step of each sample.
+        grid_points: (n, 2) mesh cycle and grid step of each sample.
     """
 
     model: Model
@@ -38,12 +38,12 @@ class Trajectory:
     states: Array
     transition: Array
     columns: Array
-    places: NDArray[np.int64]
+    grid_points: NDArray[np.int64]
 
     @cached_property
     def rows(self) -> Array:
         """(n, n_channels) samples as ``Layout.channels``, SI units; t from mesh cycle 0 on."""
-        return Stepper(self.model).read(self.states, self.places)
+        return Stepper(self.model).read(self.states, self.grid_points)
 
     @cached_property
     def by_reading(self) -> Array:
@@ -51,7 +51,7 @@ class Trajectory:
         stepper, n = Stepper(self.model), self.model.n_state
         moved = NUDGE * np.eye(n)[:, None, :]
         sides = [
-            [stepper.read(self.states + s * nudge, self.places) for nudge in moved]
+            [stepper.read(self.states + s * nudge, self.grid_points) for nudge in moved]
             for s in (1, -1)
         ]
         derivatives: Array = np.subtract(*np.array(sides)).transpose(1, 2, 0) / (2.0 * NUDGE)
@@ -76,15 +76,17 @@ class Trajectory:
         sides = []
         for gear in (direction.plus, direction.minus):
             states = in_units_of(gear, self.model, self.states)
-            sides.append(Stepper(gear).read(states, self._places_in(gear)))
+            sides.append(Stepper(gear).read(states, self._grid_points_in(gear)))
         whole: Array = (sides[0] - sides[1]) / (2.0 * direction.step)
         return whole
 
-    def _places_in(self, gear: Model) -> NDArray[np.int64]:
-        """Return ``places`` of the same mesh phases on the grid of another gear."""
+    def _grid_points_in(self, gear: Model) -> NDArray[np.int64]:
+        """Return ``grid_points`` of the same mesh phases on the grid of another gear."""
         steps, others = self.model.parameters.steps, gear.parameters.steps
-        places: NDArray[np.int64] = self.places * np.array([1, others]) // np.array([1, steps])
-        return places
+        grid_points: NDArray[np.int64] = (
+            self.grid_points * np.array([1, others]) // np.array([1, steps])
+        )
+        return grid_points
 
 
 def trajectory(
@@ -116,5 +118,7 @@ def trajectory(
         index=sample * (p.steps // p.samples_per_cycle),
         tangents=np.eye(gear.n_state),
     )
-    states, tangents, columns, places = stepper.trace(now, n_samples)
-    return Trajectory(gear, tuple(along), states, tangents.transpose(0, 2, 1), columns, places)
+    states, tangents, columns, grid_points = stepper.trace(now, n_samples)
+    return Trajectory(
+        gear, tuple(along), states, tangents.transpose(0, 2, 1), columns, grid_points
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,10 +24,7 @@ from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.reconstructed_forces import (
-    ReconstructedForces,
-    forces_of_run,
-)
+from herringbone_sim.gap.observations.reconstructed_forces import forces_of_run
 from herringbone_sim.gap.observations.recorded_noise import recorded_noise
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensor_calibration import (
@@ -43,7 +40,7 @@ from herringbone_sim.gap.verdict.design import design
 from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
 from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecidable
-from herringbone_sim.gap.verification.senses import Senses, measure_senses
+from herringbone_sim.gap.verification.senses import measure_senses
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Say = Callable[[str], None]
@@ -117,16 +114,7 @@ def diagnose(
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
     noise = examined.noise.get(verdict.metric, 1.0)
     whole = machine.for_runs(campaign.runs)
-    gap = gap_of(
-        whole,
-        campaign.runs,
-        verdict.metric,
-        examined.none,
-        chosen,
-        other,
-        noise,
-        campaign.noise_known,
-    )
+    gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, noise)
     calibrated = _calibrated(machine, examined)
     forces = None
     if senses and machine.gear.uses_windows:
@@ -138,9 +126,12 @@ def diagnose(
         runner_up = None if other is None else augmented(other, verdict.runner_up)
         correct = partial(correct_motion_sensors, actives=model.actives)
         in_senses = measure_senses(campaign.runs, correct, gap, model, runner_up, say)
-    report = _report(
-        campaign, findings, machine, calibrated, model, verdict, gap, senses, in_senses, forces
-    )
+    report = _report(campaign, findings, machine, calibrated, verdict, gap)
+    if in_senses is not None:
+        unknown = [*report.undecidable, *in_senses.unknown]
+        report = replace(report, senses=in_senses, undecidable=unknown)
+    if senses:
+        report = replace(_designed(report, campaign, calibrated, model), forces=forces)
     return Diagnosis(evidence, campaign.runs, calibrated, model, report)
 
 
@@ -205,7 +196,7 @@ def _undiagnosed(
 ) -> Diagnosis:
     """Result for a campaign without any observation, or with a nominal file of another rig.
 
-    The verdict is ``unknown``, the gap NaN. For ``full`` see ``_report``.
+    The verdict is ``unknown``, the gap NaN. For ``full`` the next experiment is designed.
     """
     judged = [Chance(("unknown",), None, 0.5), Chance((), None, 0.5)]
     if nominal_mismatched(findings):
@@ -216,7 +207,9 @@ def _undiagnosed(
     cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     calibrated = Calibrated(cases, np.ones(6), None)
     gap, model = Gap("force_law", runs), nominal_model()
-    report = _report(campaign, findings, machine, calibrated, model, verdict, gap, full)
+    report = _report(campaign, findings, machine, calibrated, verdict, gap)
+    if full:
+        report = _designed(report, campaign, calibrated, model)
     return Diagnosis(None, campaign.runs, calibrated, model, report)
 
 
@@ -225,26 +218,18 @@ def _report(
     findings: tuple[Finding, ...],
     machine: GearMachine,
     calibrated: Calibrated,
-    model: Augmented,
     verdict: Verdict,
     gap: Gap,
-    full: bool,
-    senses: Senses | None = None,
-    forces: ReconstructedForces | None = None,
 ) -> Report:
-    """Assemble the report of a diagnosis.
+    """Assemble the report of a diagnosis, without what ``diagnose`` measures for ``senses``.
 
     Args:
         campaign, findings: as checked.
         machine: gear with its fit runs.
         calibrated: fit runs and calibration.
-        model: augmented model.
         verdict: of the diagnosis.
         gap: of all runs in the metric of the verdict.
-        full: whether to design the next experiment and to analyse where the residual lies.
-        senses, forces: None where not measured.
     """
-    point = design(campaign, calibrated, verdict, model) if full else None
     noise = recorded_noise(machine.gear.runs, campaign.noise_known)
     limits = [f.text for f in findings] + undecidable(campaign, calibrated, verdict, findings)
     return Report(
@@ -252,13 +237,22 @@ def _report(
         verdict=verdict,
         where=residual_by_mesh(campaign, calibrated, verdict),
         gap=gap,
-        undecidable=[*limits, *(senses.unknown if senses else ())],
-        next_experiment=next_experiment(campaign, verdict, point),
+        undecidable=limits,
+        next_experiment=next_experiment(campaign, verdict),
         findings=[f for f in findings if not f.limit],
-        senses=senses,
         channels=[name for name in campaign.nominal.layout.channels if name in noise],
-        structure=residual_structure(campaign, calibrated) if full else {},
         noise=noise,
         observations=machine.observation_names,
-        forces=forces,
+    )
+
+
+def _designed(
+    report: Report, campaign: PreparedCampaign, calibrated: Calibrated, model: Augmented
+) -> Report:
+    """The report with a designed next experiment, and with where the residual lies."""
+    point = design(campaign, calibrated, report.verdict, model)
+    return replace(
+        report,
+        next_experiment=next_experiment(campaign, report.verdict, point),
+        structure=residual_structure(campaign, calibrated),
     )

@@ -8,11 +8,9 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.sensors.filter_delay import compensate_filter
-from herringbone_sim.gap.sensors.noise import with_estimated_noise
+from herringbone_sim.gap.sensor_calibration import without_copies
 
 
 @dataclass(frozen=True)
@@ -31,11 +29,7 @@ class FeasibleObservations:
 def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
     """Find the observations that a diagnosis of a campaign would use; none without fit runs."""
     campaign, findings = check(campaign)
-    fit = campaign.of_role("fit")
-    if not fit:
+    if not campaign.of_role("fit"):
         return FeasibleObservations((), findings)
-    if not campaign.noise_known:
-        fit = tuple(with_estimated_noise(run) for run in fit)
-    fit = drop_common_copies(compensate_filter(fit))
-    gear = Gear(leave_out_folds(fit), gain_tolerance=campaign.gain_tolerance)
+    gear = Gear(leave_out_folds(without_copies(campaign).of_role("fit")))
     return FeasibleObservations(GearMachine(gear).observation_names, findings)

@@ -6,7 +6,7 @@ with effects; all coefficients are those fitted to the fit runs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
@@ -44,30 +44,30 @@ def metric_of(
 
 def gap_of(
     machine: GearMachine,
-    runs: Sequence[PreparedRun],
+    campaign: PreparedCampaign,
     metric: str,
     none: FittedExplanation,
     best: FittedExplanation | None,
     other: FittedExplanation | None = None,
     noise: Array | float = 1.0,
-    noise_known: bool = True,
 ) -> Gap:
-    """Measure the gap of runs in one observation.
+    """Measure the gap of the runs of a campaign in one observation.
+
+    If the campaign does not give the noise, or if rotations lack their mean, the floor of force
+    law and trajectory is at most the residual of the best explanation, and of the force law at
+    most the white part of that.
 
     Args:
         machine: of all runs of the campaign, at every sample.
-        runs: all runs of the campaign.
+        campaign: as prepared.
         metric: name of the observation.
         none: fit without effects.
         best: fit of the verdict's explanation; None: that without effects.
         other: fit of the runner-up; None: its residual is NaN.
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
-        noise_known: whether the campaign gives the noise. If not, or if rotations lack their
-            mean, the floor of force law and trajectory is at most the residual of the best
-            explanation, and of the force law at most the white part of that.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
-    estimated = not noise_known or any(run.detrended for run in runs)
+    estimated = not campaign.noise_known or any(run.detrended for run in campaign.runs)
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     rms_by_fit = {
@@ -76,7 +76,7 @@ def gap_of(
         if fit is not None
     }
     before = _residual_rms(machine, metric, None, row_noise, bounded)
-    nan = [(float("nan"),) * 2] * len(runs)
+    nan = [(float("nan"),) * 2] * len(campaign.runs)
     return Gap(
         metric,
         tuple(
@@ -84,7 +84,7 @@ def gap_of(
                 run.name, run.role, n[0], a[0], min(n[1], a[1]) if bounded else n[1], r[0], c[0]
             )
             for run, n, a, r, c in zip(
-                runs,
+                campaign.runs,
                 before,
                 rms_by_fit["augmented"],
                 rms_by_fit.get("runner_up", nan),

@@ -17,12 +17,21 @@ STRIDE = 2  # samples from one value of the force law to the next in the search
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
     """Campaign with unknown noise estimated, and copied channels and a common delay removed."""
+    campaign = without_copies(campaign)
+    runs = remove_common_delay(campaign.runs, assumed_gain_tolerances(campaign))
+    return replace(campaign, runs=runs)
+
+
+def without_copies(campaign: PreparedCampaign) -> PreparedCampaign:
+    """Campaign with unknown noise estimated, and copied channels as not recorded.
+
+    What remains decides which observations can be formed; a common delay does not matter.
+    """
     if not campaign.noise_known:
         campaign = replace(
             campaign, runs=tuple(with_estimated_noise(run) for run in campaign.runs)
         )
-    runs = drop_common_copies(campaign.runs)
-    return replace(campaign, runs=remove_common_delay(runs, assumed_gain_tolerances(campaign)))
+    return replace(campaign, runs=drop_common_copies(campaign.runs))
 
 
 def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:

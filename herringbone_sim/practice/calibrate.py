@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from herringbone_sim.arrays import Array, Flags, Indices
-from herringbone_sim.diagnosis import judge
+from herringbone_sim.diagnosis import judge, learn
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.case_evidence import CaseEvidence
 from herringbone_sim.practice.intervals import calibration_error
@@ -81,9 +81,9 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
                 f"calibration needs {2 * FOLDS} campaigns or more that are judged by {loss}, got "
                 f"{len(group)}: run more"
             )
-        labelled = [judge.labelled_campaign(c.evidence, c.truth) for c in group]
+        labelled = [learn.labelled_campaign(c.evidence, c.truth) for c in group]
         penalties[loss] = best_penalty(labelled, prior_mean)
-        weights[loss] = judge.fit_labelled(labelled, penalties[loss], None, prior_mean)
+        weights[loss] = learn.fit_labelled(labelled, penalties[loss], None, prior_mean)
         for draw, rows in enumerate(draws):
             rows[at] = left_out(group, labelled, draw, prior_mean)
     fold = np.arange(len(sizes)) % FOLDS
@@ -189,7 +189,7 @@ def by_stratum(
 
 
 def best_penalty(
-    labelled: Sequence[judge.LabelledCampaign], prior_mean: Array | None = None
+    labelled: Sequence[learn.LabelledCampaign], prior_mean: Array | None = None
 ) -> float:
     """Return the one of ``PENALTIES`` with the smallest log loss on left-out campaigns."""
     fold = folds(len(labelled))
@@ -198,7 +198,7 @@ def best_penalty(
         others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
-            weights = judge.fit_labelled(others, penalty, weights, prior_mean)
+            weights = learn.fit_labelled(others, penalty, weights, prior_mean)
             for campaign in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
                 if campaign.true.any():
                     score = campaign.table @ weights
@@ -213,7 +213,7 @@ def folds(n: int, draw: int = 0) -> Indices:
 
 def left_out(
     campaigns: Sequence[CaseEvidence],
-    labelled: Sequence[judge.LabelledCampaign],
+    labelled: Sequence[learn.LabelledCampaign],
     draw: int = 0,
     prior_mean: Array | None = None,
 ) -> Array:
@@ -228,7 +228,7 @@ def left_out(
     rows = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
         others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
-        weights = judge.fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
+        weights = learn.fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
         for i in np.flatnonzero(fold == f).tolist():
             rows[i] = judged(campaigns[i], weights)
     return rows
@@ -243,7 +243,7 @@ def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, flo
     Returns:
         Probability of the true set of effects; probability of the most probable set; 1 if both
         are the same set, else 0; probability of the explanations that are true by
-        ``judge.are_true``. The first three ignore explanations with something unknown beside an
+        ``learn.are_true``. The first three ignore explanations with something unknown beside an
         effect; the last counts them if the truth is a pair that was not tried.
     """
     chances = judge.chances(case.evidence, weights)
@@ -253,7 +253,7 @@ def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, flo
         if c.whole:
             effects = tuple(sorted(c.effects))
             groups[effects] = groups.get(effects, 0.0) + c.probability
-    true = np.array([c.probability for c in chances])[judge.are_true(chances, case.truth)].sum()
+    true = np.array([c.probability for c in chances])[learn.are_true(chances, case.truth)].sum()
     first = max(groups, key=lambda e: groups[e])
     return groups.get(truth, 0.0), groups[first], float(first == truth), float(true)
 

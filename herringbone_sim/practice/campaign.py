@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.practice.channels import series_of
 from herringbone_sim.practice.label import label_of
 from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
 from herringbone_sim.practice.plan import FIT_RUNS, Plan
-from herringbone_sim.practice.record import series_of
 from herringbone_sim.practice.rig_model import NOMINAL
 from herringbone_sim.practice.solve import Solved, solve_plan
 from herringbone_sim.recording.campaign import Campaign, CampaignRun

@@ -17,15 +17,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.practice.channels import channels_of
 from herringbone_sim.practice.noise import Noise
-from herringbone_sim.practice.record import (
-    COS_BETA,
-    FINER,
-    Motion,
-    channels_of,
-    geometry,
-    without_trend,
-)
+from herringbone_sim.practice.record import COS_BETA, FINER, Motion, geometry, without_trend
 from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n, radii
 
 Channels = dict[str, Array]

@@ -9,7 +9,8 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.practice.cause import Cause
-from herringbone_sim.practice.record import Motion, channels_of, law_force, own_error_shift
+from herringbone_sim.practice.channels import channels_of
+from herringbone_sim.practice.record import Motion, law_force, own_error_shift
 from herringbone_sim.practice.rig_model import MESHES, N_BODY, NOMINAL, Constants
 
 _NAMES = tuple(tuple(f"{a}_{m}" for m in MESHES) for a in "xvF")

@@ -10,15 +10,10 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.practice.cause import Cause
 from herringbone_sim.practice.chain import deterministic, gauged, measured
+from herringbone_sim.practice.channels import channels_of
 from herringbone_sim.practice.measure import RunMeasure, measure_run
 from herringbone_sim.practice.plan import KINDS, Plan
-from herringbone_sim.practice.record import (
-    Motion,
-    Sampling,
-    SimulatedRun,
-    channels_of,
-    simulate_motion,
-)
+from herringbone_sim.practice.record import Motion, Sampling, SimulatedRun, simulate_motion
 from herringbone_sim.practice.rig_model import NOMINAL, Constants, RigModel, rig_model
 from herringbone_sim.practice.sensors import distort
 

@@ -12,11 +12,12 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.practice.catalogue import CATALOGUE
 from herringbone_sim.practice.cause import Cause, Kind
+from herringbone_sim.practice.channels import CHANNEL_SETS, drawn_channels
 from herringbone_sim.practice.laws import LAWS, draw_law
 from herringbone_sim.practice.noise import Noise, draw_noise
 from herringbone_sim.practice.outside import OUTSIDE, UNSEEN
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
-from herringbone_sim.practice.record import CHANNEL_SETS, SAMPLES_PER_CYCLE, drawn_channels
+from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 from herringbone_sim.practice.rig_model import N_COORDINATE, TOLERANCE, TOLERATED
 from herringbone_sim.practice.sensors import OUTSIDE_SENSORS, SENSORS
 
@@ -75,7 +76,6 @@ class Plan:
         d: requested detectability, 0 without effect.
         snr_dB: RMS of a channel over that of its noise [dB].
         noise: the measuring chain.
-        samples_per_cycle: of a mesh cycle.
         channels: name of the channel set; ``names``: the recorded channels.
         regime: ``varied`` or ``quiet`` operating points.
         factors: on nominal constants, by name: the rig within its tolerances.
@@ -83,13 +83,13 @@ class Plan:
         phases: mesh phase [rad] of the first sample of each run.
         starts: (runs, 30) initial state of the transient of each run.
         causes: at most two.
+        samples_per_cycle: of a mesh cycle.
     """
 
     seed: int
     d: float
     snr_dB: float
     noise: Noise
-    samples_per_cycle: int
     channels: str
     names: tuple[str, ...]
     regime: str
@@ -98,6 +98,7 @@ class Plan:
     phases: tuple[float, ...]
     starts: Array
     causes: tuple[Cause, ...]
+    samples_per_cycle: int = SAMPLES_PER_CYCLE
 
 
 def draw_plan(
@@ -108,19 +109,17 @@ def draw_plan(
     channels: str = "full",
     regime: str = "varied",
     law: str = "both",
-    samples_per_cycle: int = SAMPLES_PER_CYCLE,
 ) -> Plan:
-    """Draw a campaign from a seed.
+    """Draw a campaign from a seed; ``Plan.samples_per_cycle`` can be replaced afterwards.
 
     Args:
         truth: none, single, pair, unknown, unseen, random_physics or a kind of effect; None: one
             of ``TRUTHS``, with the probabilities there.
         d: requested detectability; None: one of 1, 3, 10.
         noise: its kind and its level.
-        channels: a set of ``record.CHANNEL_SETS``.
+        channels: a set of ``channels.CHANNEL_SETS``.
         regime: ``varied`` or ``quiet`` operating points.
         law: catalogue, other or both: whose curves the effects of the catalogue have.
-        samples_per_cycle: of a mesh cycle.
 
     Raises:
         ParameterError: an unknown truth, channel set, regime, noise or law.
@@ -143,7 +142,6 @@ def draw_plan(
         d=(drawn_d if d is None else d) if causes else 0.0,
         snr_dB=noise.snr_dB,
         noise=measures,
-        samples_per_cycle=samples_per_cycle,
         channels=channels,
         names=names,
         regime=regime,

@@ -12,7 +12,8 @@ from numpy.random import Generator
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.layout import PREFIX_UNITS
 from herringbone_sim.practice.cause import Cause, Drawn, Kind, at, draw_sign, size_as
-from herringbone_sim.practice.record import Motion, channels_of
+from herringbone_sim.practice.channels import channels_of
+from herringbone_sim.practice.record import Motion
 from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Channels = dict[str, Array]

@@ -13,7 +13,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,8 @@ class Setting:
 
     Attributes:
         snr_dB, noise: level and kind of the noise, see ``plan.RequestedNoise``.
-        channels, d, regime, truth, law, samples_per_cycle: as in ``plan.draw_plan``.
+        channels, d, regime, truth, law: as in ``plan.draw_plan``.
+        samples_per_cycle: as in ``plan.Plan``.
 
     Raises:
         ParameterError: an empty tuple, or a value out of range.
@@ -87,7 +88,8 @@ def plan_of(setting: Setting, seed: int) -> Plan:
     channels, regime = str(rng.choice(setting.channels)), str(rng.choice(setting.regime))
     noise = RequestedNoise(str(rng.choice(setting.noise)), snr_dB)
     samples = int(rng.choice(setting.samples_per_cycle))
-    return draw_plan(seed, setting.truth, d, noise, channels, regime, setting.law, samples)
+    plan = draw_plan(seed, setting.truth, d, noise, channels, regime, setting.law)
+    return replace(plan, samples_per_cycle=samples)
 
 
 def label_of_seed(seed: int, setting: Setting) -> tuple[str | None, str]:

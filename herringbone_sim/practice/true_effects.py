@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.practice.rig_model import MESHES
 
@@ -102,13 +103,24 @@ def size_error(entry: Json, cause: Json) -> float | None:
     Returns:
         None if a value is missing or the true size is 0.
     """
+    sizes = _sizes(entry, cause)
+    if sizes is None:
+        return None
+    true, reported = sizes
+    size = float(np.hypot.reduce(true))
+    return float(np.hypot.reduce(reported - true)) / size if size > 0.0 else None
+
+
+def _sizes(entry: Json, cause: Json) -> tuple[Array, Array] | None:
+    """Return true and reported ``SIZES`` (k,) minus their value without the effect.
+
+    Arguments as in ``size_error``. None if one is missing, or the effect has none.
+    """
     names, neutral = SIZES.get(entry["effect"], ((), 0.0))
     true, reported = ([_value(record, name) for name in names] for record in (entry, cause))
-    if not names or any(not is_number(value) for value in (*true, *reported)):
+    if not names or not all(map(is_number, (*true, *reported))):
         return None
-    distance = float(np.hypot.reduce(np.subtract(reported, true)))
-    size = float(np.hypot.reduce(np.subtract(true, neutral)))
-    return distance / size if size > 0.0 else None
+    return np.subtract(true, neutral), np.subtract(reported, neutral)
 
 
 def is_number(value: Any) -> bool:
@@ -147,18 +159,16 @@ def size_errors(
     errors = []
     for labelled in label["effects"]:
         same = [c for c in report["causes"] if c["effect"] == labelled["effect"]]
-        if not same or labelled["effect"] not in SIZES:
+        if not same:
             continue
         cause = max(same, key=lambda c: float(c["probability"]))
-        names, neutral = SIZES[labelled["effect"]]
-        true = [_value(labelled, name) for name in names]
-        if not same_place(labelled, cause) or not all(is_number(v) for v in true):
+        sizes = _sizes(labelled, cause)
+        if sizes is None or not same_place(labelled, cause):
             continue
-        size = float(np.hypot.reduce(np.subtract(true, neutral)))
-        reported = [_value(cause, name) for name in names]
-        if not all(map(is_number, reported)):
-            continue
-        included = relative_error * float(np.hypot.reduce(np.subtract(reported, neutral)))
+        true, reported = sizes
+        size = float(np.hypot.reduce(true))
+        included = relative_error * float(np.hypot.reduce(reported))
+        names, _ = SIZES[labelled["effect"]]
         for name, value, estimate in zip(names, true, reported, strict=True):
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval = entry.get("ci90")

@@ -253,12 +253,8 @@ def _beside(file: Path, ending: str) -> Path:
 
 def _check_original_name(file_survey: Survey) -> None:
     """Raise RecordingError if another file has the name that the original will get."""
-    original = _beside(file_survey.file, "cut")
-    if (
-        file_survey.loses_data
-        and os.path.lexists(original)
-        and not _is_original(file_survey.file, original)
-    ):
+    file, original = file_survey.file, _beside(file_survey.file, "cut")
+    if file_survey.loses_data and os.path.lexists(original) and not _is_original(file, original):
         raise RecordingError(
             f"{original} exists, from a recovery before this one: move it away, then recover again"
         )

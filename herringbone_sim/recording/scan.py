@@ -43,7 +43,7 @@ _FOOTER = struct.Struct("<QQI")
 _TAIL = RECORD.size + _FOOTER.size + len(MCAP0_MAGIC)
 _BEHIND_CRC = len(MCAP0_MAGIC) + 4
 # Plain integers, as comparing with an Enum is slow for millions of records.
-_MESSAGE_CODE = int(Opcode.MESSAGE)
+_CHUNK_CODE, _MESSAGE_CODE = int(Opcode.CHUNK), int(Opcode.MESSAGE)
 _ENDS = frozenset(map(int, (Opcode.DATA_END, Opcode.FOOTER)))
 _OF_SUMMARY = frozenset(map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)))
 _TAKEN = frozenset(
@@ -89,7 +89,7 @@ class Scan:
         self.skipped = 0
         self._budget = UnpackBudget(most_bytes, most_bytes)
         self._schemas: dict[int, Schema] = {}
-        self._defined: dict[tuple[int, bytes], bytes] = {}
+        self._defined: dict[tuple[int, int], bytes] = {}
         self._defined_bytes = 0
         self._notes: list[str] = []
         self._index_damaged = False
@@ -191,16 +191,12 @@ class Scan:
     def _intact(self, opcode: int, body: memoryview) -> Iterator[ScannedMessage]:
         """Yield the messages of a record, and store any other content; damage is only noted."""
         try:
-            if opcode == _MESSAGE_CODE:
-                yield from self._message(body)
-            elif opcode == Opcode.CHUNK:
-                for inner, record in records(body, self._budget):
-                    if inner == _MESSAGE_CODE:
-                        yield from self._message(record)
-                    else:
-                        self._define(inner, record)
-            else:
-                self._note_record(opcode, body)
+            inside = records(body, self._budget) if opcode == _CHUNK_CODE else ((opcode, body),)
+            for inner, record in inside:
+                if inner == _MESSAGE_CODE:
+                    yield from self._message(record)
+                else:
+                    self._note_record(inner, record)
         except _DAMAGE as error:
             if isinstance(error, UnknownCompressionError):
                 self._unknown = error
@@ -242,12 +238,11 @@ class Scan:
 
     def _define(self, opcode: int, body: memoryview) -> None:
         """Register a schema or a channel, which files repeat, for instance before each chunk."""
-        key = (opcode, bytes(body[:2]))
-        content = bytes(body)
+        key, content = (opcode, int.from_bytes(body[:2], "little")), bytes(body)
         if self._defined.get(key) == content:
             return
         self._defined_bytes += len(body)
-        new = opcode == Opcode.CHANNEL and int.from_bytes(key[1], "little") not in self.topics
+        new = opcode == Opcode.CHANNEL and key[1] not in self.topics
         if len(self.topics) + new > MOST_TOPICS or self._defined_bytes > MOST_DEFINED_BYTES:
             raise RecordingError(
                 f"a recording may have {MOST_TOPICS} topics and {MOST_DEFINED_BYTES >> 20} MiB of "

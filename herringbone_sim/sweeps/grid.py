@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, from_mapping, meaning, to_mapping
+from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
 from herringbone_sim.effects.written import read_effects
@@ -21,7 +22,7 @@ from herringbone_sim.recording.safe_json import parse_json
 
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
-CHUNK = 256
+CHUNK, SMALL_CHUNK = 256, 16  # values in a part, see ``default_chunk``
 UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
 _Made = TypeVar("_Made", "Observation", "Sweep")
 
@@ -272,6 +273,16 @@ def axis_from_text(text: str) -> Axis:
             f"an axis is NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE,..., got {text!r}: "
             "write it like K=0:0.6:400"
         ) from None
+
+
+def default_chunk(base: Parameters, actives: Sequence[Active], start: str) -> int:
+    """Number of values in a part of a sweep that takes a few seconds.
+
+    ``SMALL_CHUNK`` in a continuation, and for a gear that is integrated by the laws of its
+    effects. ParameterError if the gear lacks the place of an effect.
+    """
+    by_laws = bool(actives) and build_with(base, actives).integrator is not None
+    return SMALL_CHUNK if start != "fixed" or by_laws else CHUNK
 
 
 def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from equations import body_accelerations, reduced_accelerations
+from gears import CONSTANT, samples
 
 from herringbone_sim.core import mesh
 from herringbone_sim.core.integrate import Stepper
@@ -15,6 +16,7 @@ from herringbone_sim.core.model import (
     initial_state,
     jacobian,
     mean_stiffness,
+    mean_sun_force,
     mesh_phases,
     relative,
     state,
@@ -285,3 +287,11 @@ def test_a_change_of_omega_with_planets_out_of_step(uneven):
     loop = (rates[1] - rates[0]).sum(axis=0)
     moved = loop[:, :1] - loop
     assert after[1][:6] - before[1][:6] == pytest.approx(moved.ravel(), abs=1e-13)
+
+
+@pytest.mark.parametrize("projection", ["mesh_and_torque", "torque"])
+def test_a_gear_at_rest_carries_the_input_torque_at_its_sun_meshes(gear, projection):
+    model = gear(**CONSTANT, projection=projection, xi=0.2)
+    last = samples(model, 1, samples(model, 400).end).rows[-1]
+    of_sun = [last[model.layout.channels.index(f"F_{mesh}")] for mesh in ("sp_L", "sp_R")]
+    assert of_sun == pytest.approx(2 * [mean_sun_force(model)], rel=1e-9)

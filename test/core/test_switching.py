@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from interpreted import POLYNOMIALS, leaving
 
-from herringbone_sim.core.switching import leaves_at, root, turning_point
+from herringbone_sim.core.switching import extremum, leaves_at, polynomial_zero
 
 
 def column(*coefficients):
@@ -25,14 +25,14 @@ def leaves(*coefficients, level=0.0, sign=1.0, before=2.0):
 def test_root_of_a_monotonic_cubic(at, steep, cubic):
     """steep (s - at) + cubic (s^3 - at^3) has its only root at ``at``."""
     a = column(-steep * at - cubic * at**3, steep, 0.0, cubic)
-    assert root(a, 0, 0.0, 0.0, a[0, 0], 1.0, a.sum()) == pytest.approx(at, abs=1e-8)
+    assert polynomial_zero(a, 0, 0.0, 0.0, a[0, 0], 1.0, a.sum()) == pytest.approx(at, abs=1e-8)
 
 
 @given(at=st.floats(0.001, 0.999), curved=st.floats(0.01, 100.0))
 def test_turning_point_of_a_parabola(at, curved):
     for sign in (1.0, -1.0):
         a = sign * column(3.0, -2.0 * curved * at, curved)
-        assert turning_point(a, 0, 0.0, 1.0) == pytest.approx(at, abs=1e-9)
+        assert extremum(a, 0, 0.0, 1.0) == pytest.approx(at, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
-from herringbone_sim.diagnosis.judge import NAMES, are_true, chances, fit, numbers
+from herringbone_sim.diagnosis.judge import NAMES, chances, numbers
+from herringbone_sim.diagnosis.learn import are_true, fit
 from herringbone_sim.errors import AnalysisError
 
 

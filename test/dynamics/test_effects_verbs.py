@@ -68,7 +68,7 @@ def test_effects_stay_on_a_gear_that_changes() -> None:
     model = gear(CRACK)
     other = changed(model, model.parameters.changed({"delta_T": 80.0}))
     assert other.effects == model.effects
-    assert len(other.packed.windows) == 1
+    assert len(other.packed.events) == 1
 
 
 def test_a_displacement_is_what_samples_do_not_show() -> None:

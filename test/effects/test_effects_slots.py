@@ -81,14 +81,14 @@ def test_the_slots_give_the_accelerations_of_the_laws(text: str, kind: str) -> N
     model, actives = gear(text, model=kind), read_effects(text)
     law = Reference(model, actives)
     layout, rng = model.layout, np.random.default_rng(3)
-    work = make_work(layout.n_mesh, layout.n_coordinate, model.n_own)
+    work = make_work(layout.n_mesh, layout.n_coordinate, model.n_added_coordinates)
     n, h = layout.n_state, 1e-9
     for cycle in (0, 3, 5, 40):
         y = rng.normal(size=model.n_state) * 4.0
         y[n:] *= 0.1
         tau = 2 * np.pi / model.packed.Omega * (cycle + rng.uniform())
         with pointers_allowed():
-            wanted = law.slope(tau, in_si(model, y, law.n_own))[:n]
+            wanted = law.slope(tau, in_si(model, y, law.n_added_states))[:n]
         found, turn = y.copy(), tau * model.packed.Omega / (2 * np.pi)
         phase = 2 * np.pi * (turn - cycle)
         rk4_step(of_one_type(model.packed), work, found, phase, cycle, h)
@@ -130,10 +130,10 @@ def test_an_independent_method_confirms_a_mesh_cycle(text: str) -> None:
     start = stepper.advance(stepper.start(), 200 * 16).end
     found = stepper.advance(start, 16)
     assert found.switches > 0
-    n_own = Reference(model, actives).n_own
-    wanted = integrate(model, actives, in_si(model, start.y, n_own), start.cycle, 1)
+    n_added_states = Reference(model, actives).n_added_states
+    wanted = integrate(model, actives, in_si(model, start.y, n_added_states), start.cycle, 1)
     np.testing.assert_allclose(
-        in_si(model, found.end.y, n_own)[: model.layout.n_state],
+        in_si(model, found.end.y, n_added_states)[: model.layout.n_state],
         wanted[: model.layout.n_state],
         atol=1e-9,
     )

@@ -91,9 +91,9 @@ def both_ways(text: str, **values: Any) -> tuple[Stepper, Stepper, Array, Array]
     actives = read_effects(text)
     slots = assemble(build(Parameters(**PERIODIC, **values)), actives)
     core, mine = Stepper(slots), LawStepper(by_laws(slots, actives))
-    y, _ = core.cross(core.start().y, np.zeros((0, core.model.n_state)), 0, 200)
+    y, _ = core.advance_cycles(core.start().y, np.zeros((0, core.model.n_state)), 0, 200)
     n = slots.layout.n_state
-    return core, mine, y, mine.with_own(run_on(mine, y[:n]), core.own(y))
+    return core, mine, y, mine.with_added_values(run_on(mine, y[:n]), core.added_states(y))
 
 
 def run_on(machine: Stepper, y: Array) -> Array:
@@ -105,7 +105,7 @@ def test_twenty_cycles_that_lose_contact_are_exact_to_1e_6(text: str) -> None:
     """Against the slots, whose series share nothing with it, at a higher order."""
     _, mine, y, start = both_ways(text)
     fine = both_ways(text, order=16, steps_per_cycle=48)[0]
-    wanted, _ = fine.cross(y, np.zeros((0, y.size)), 200, 20)
+    wanted, _ = fine.advance_cycles(y, np.zeros((0, y.size)), 200, 20)
     block = mine.advance(replace(mine.start(), y=start, cycle=200), 20 * 16)
     n = mine.model.layout.n_state
     assert block.switches >= 8 * 20
@@ -120,8 +120,8 @@ def test_tangents_are_those_of_the_slots(text: str, error: float) -> None:
     core, mine, y, start = both_ways(text)
     n, size = core.model.layout.n_state, y.size
     order = [*range(n), *(n + np.arange(size - n).reshape(-1, 2).T.ravel())]
-    _, wanted = core.cross(y, np.eye(size), 200, 1)
-    _, found = mine.cross(start, np.eye(size), 200, 1)
+    _, wanted = core.advance_cycles(y, np.eye(size), 200, 1)
+    _, found = mine.advance_cycles(start, np.eye(size), 200, 1)
     np.testing.assert_allclose(found[np.ix_(order, order)], wanted, atol=error)
 
 
@@ -244,7 +244,7 @@ def test_divergence_is_told() -> None:
         start = machine.start()
         far = replace(start, y=1e7 + start.y)
         assert machine.advance(far, 4).diverged
-        y, _ = machine.cross(far.y * 1e8, np.zeros((0, far.y.size)), 0, 1)
+        y, _ = machine.advance_cycles(far.y * 1e8, np.zeros((0, far.y.size)), 0, 1)
         assert not np.isfinite(y).all()
     with pytest.raises(DivergenceError, match="mean_stiffness"):
         simulate(rig(), [active(effect("mean_stiffness"), ALL)], 1, far)

@@ -13,9 +13,10 @@ from gears import make, state_at
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.cache import on_compiling
 from herringbone_sim.core.integrate import Stepper, simulate, stepper
-from herringbone_sim.core.sensitivity import in_units_of
+from herringbone_sim.core.sensitivity import Directions, in_units_of
 from herringbone_sim.effects import sensitivity
-from herringbone_sim.effects.assemble import acting, build_with, by_laws
+from herringbone_sim.effects.assemble import build_with, by_laws
+from herringbone_sim.effects.gear import acting
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.effects.sensitivity import STEP, directions
 from herringbone_sim.effects.trajectory import trajectory
@@ -125,7 +126,8 @@ def check(model, names, cycles, rel):
     assert block.switches >= 4 * cycles
     columns = block.end.columns
     assert_close(columns, differences(model, names, start, cycles), rel)
-    batch = run_batch([base], start.y[None], 0, cycles, 1, False, np.array([BEFORE]), [wanted])
+    along, before = [Directions(base, wanted)], np.array([BEFORE])
+    batch = run_batch(along, start.y[None], 0, cycles, 1, before=before)
     assert_close(batch.columns[0], columns, 3e-7)
 
 
@@ -197,7 +199,8 @@ def test_alike_halves_stay_one_half_where_the_parameter_keeps_them_alike():
     starts = begin(model)[1].y[None]
     for name in ("T_1", "k_factor[0]"):
         _, wanted = directions(model, [name])
-        batch = run_batch([model], starts, 0, 2, 1, True, np.array([BEFORE]), [wanted])
+        along, before = [Directions(model, wanted)], np.array([BEFORE])
+        batch = run_batch(along, starts, 0, 2, 1, True, before)
         alike = np.array_equal(batch.columns[0, 0, [0, 2]], batch.columns[0, 0, [1, 3]])
         assert alike == (name == "T_1")
         assert np.isfinite(batch.exponents[0])
@@ -211,7 +214,7 @@ def test_lanes_are_compiled_once_for_columns_of_any_number():
     def run(n_models, names):
         _, wanted = directions(model, names)
         starts, before = np.repeat(y, n_models, axis=0), np.full(n_models, BEFORE)
-        run_batch([model] * n_models, starts, 0, 1, 1, False, before, [wanted] * n_models)
+        run_batch([Directions(model, wanted)] * n_models, starts, 0, 1, 1, before=before)
 
     run(1, ["T_1"])
     with on_compiling(lambda: pytest.fail("compiled once more")):
@@ -303,7 +306,7 @@ def test_a_gear_by_its_effects_own_laws_has_no_derivatives_by_parameters():
     with pytest.raises(ParameterError, match="fill slots"):
         stepper(law).trace(stepper(law).start(), 4)
     with pytest.raises(ParameterError, match="fill slots"):
-        run_batch([law], y[None], 0, 1, 1, directions=[wanted])
+        Directions(law, wanted)
     with pytest.raises(ParameterError, match="stepper"):
         Stepper(law)
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.faults.recording_kill import recording_kill
 from benchmarks.faults.trial import MOST_LOST_S

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.faults import at_node
 
@@ -16,7 +13,8 @@ SEEDS = 20
 
 
 @pytest.fixture
-def running() -> Iterator[None]:
+def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(at_node, "HANG_S", 10.0)  # a request that DDS lost is waited for so long
     yield
     at_node.target().close()
     at_node.target.cache_clear()

@@ -12,7 +12,7 @@ from gap_support import NOMINAL, POINTS, a_report, of_shafts, rig, sampled, with
 
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -38,9 +38,14 @@ def calibrated(machine: GearMachine) -> FittedExplanation:
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[PreparedRun, ...]:
-    """Runs of a rig inside its tolerances, all channels; the last one is held out."""
-    return rig(OWN).runs
+def campaign() -> PreparedCampaign:
+    """A rig inside its tolerances, all channels; the last of its runs is held out."""
+    return rig(OWN)
+
+
+@pytest.fixture(scope="module")
+def whole(campaign: PreparedCampaign) -> tuple[PreparedRun, ...]:
+    return campaign.runs
 
 
 @pytest.fixture(scope="module")
@@ -175,17 +180,16 @@ def test_forces_are_told_in_report_table_and_page(
 
 
 def test_noise_that_is_not_told_is_at_most_what_is_left(
-    machine: GearMachine, fit: FittedExplanation
+    machine: GearMachine, fit: FittedExplanation, campaign: PreparedCampaign
 ) -> None:
     """Taken three times too large, it would lie above what the explanation leaves.
 
     So it is where noise is told but a rotation lacks its mean.
     """
-    runs = [g.run for g in machine.gear.runs]
-    raw = [replace(run, detrended=("u_c",)) for run in runs]
+    raw = tuple(replace(run, detrended=("u_c",)) for run in campaign.runs)
     told, *estimated = (
-        gap_of(machine, of, "trajectory", fit, fit, None, 3.0, known).runs
-        for of, known in ((runs, True), (runs, False), (raw, True))
+        gap_of(machine, of, "trajectory", fit, fit, None, 3.0).runs
+        for of in (campaign, replace(campaign, noise_known=False), replace(campaign, runs=raw))
     )
     assert all(one.floor > 2.0 * one.augmented for one in told)
     for one in (run for gap in estimated for run in gap):

@@ -81,8 +81,8 @@ def test_motion_alone_gives_the_drift_and_the_floor() -> None:
     np.testing.assert_allclose(factors[4:], [0.983, 1.011], atol=1.5e-3)
     np.testing.assert_allclose(factors[:2], [1.012, 1.0], atol=6e-3)
     np.testing.assert_allclose(inertias.factors[1], 1.015, atol=6e-3)
-    chi2 = np.array([balance.reduced_chi2 for balance in balances])
-    assert np.median(chi2) == pytest.approx(1.0, abs=0.3)
+    reduced = np.array([balance.reduced_chi2 for balance in balances])
+    assert np.median(reduced) == pytest.approx(1.0, abs=0.3)
 
 
 def test_motion_alone_shows_a_gap() -> None:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gap_support import with_few_runs
+from gap_support import no_effect, rig, with_few_runs
 from scipy.integrate import solve_ivp
 
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.diagnose import diagnose, machine_of
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.seat_grid import PartTrial
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
+from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -122,6 +127,19 @@ def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> Non
     assert best.effect == "ring_flexibility"
     ratio = dict(best.options)["stiffness"] / true["parameters"]["stiffness"]["value"]
     assert 0.4 < ratio < 2.5
+
+
+def test_two_parts_at_one_place_are_driven_each_by_its_own_meshes() -> None:
+    """Of a planet a ring takes the ring meshes, a pin all; the same part again is not formed."""
+    gear = Gear(list(rig({}, cycles=20).runs[:1]))
+    trial = PartTrial(gear, {}, no_effect(GearMachine(gear)))
+    place = Locus("all", "2", "all")
+    ring = Seat("ring_flexibility", place, (1e10, 0.05, 0.3, 0.3))
+    pin = Seat("bearing_clearance", place, (1e-5, 1e11, 0.1, 0.05, 0.3))
+    (run,) = trial._runs
+    of_ring, of_pin = (trial._drive(run, seat) for seat in (ring, pin))
+    assert (of_ring.meshes_mask.sum(), of_pin.meshes_mask.sum()) == (2.0, 4.0)
+    assert trial._drive(run, ring) is of_ring
 
 
 def test_a_part_is_scored_at_what_the_other_runs_say_of_it(ring_campaign) -> None:  # type: ignore[no-untyped-def]

@@ -334,7 +334,7 @@ def test_the_error_of_the_integral_of_rates_is_told_by_their_spectrum() -> None:
     """Healthy rig, ten samples a mesh cycle: increments of z depart from the integral of the rates
     by several times their noise where the gear is slow; relative to noise and told error by about
     as much as these, in every coordinate."""
-    made = make_campaign(draw_plan(620000, "none", samples_per_cycle=10))
+    made = make_campaign(replace(draw_plan(620000, "none"), samples_per_cycle=10))
     for run, at_least in zip(as_prepared(made).runs[:3:2], (1.1, 5.0), strict=True):
         z, P = displacement(run)
         rate, V = velocity(run)
@@ -363,7 +363,7 @@ def test_few_samples_of_a_cycle_leave_no_more_than_noise() -> None:
     """Of the relations of sensors those that samples can't tell are left out; the others leave
     noise, with ten samples a cycle as with more. With 24 hardly any is left out."""
     for samples, out in ((10, (0.05, 0.3)), (24, (0.0, 0.05))):
-        made = make_campaign(draw_plan(620000, "none", samples_per_cycle=samples))
+        made = make_campaign(replace(draw_plan(620000, "none"), samples_per_cycle=samples))
         runs = as_prepared(made).runs[:5]
         blocks = [consistency.block(run, fuse(run), 0.5, None) for run in runs]
         squares = np.array([np.mean(b.residual**2, axis=0) for b in blocks if b is not None])
@@ -375,16 +375,16 @@ def test_the_floor_of_untold_noise_is_no_more_than_what_is_left() -> None:
     """Forces whose noise is overstated fivefold: the floor is that, or what is white in the
     residual if noise was not told. That is what the right noise leaves, as well as the spectrum
     of so short a run tells."""
-    runs = rig({}, cycles=30).runs
-    loud = [replace(run, F=replace(run.F, sigma=5.0 * run.F.sigma)) for run in runs]
+    campaign = rig({}, cycles=30)
+    loud = [replace(run, F=replace(run.F, sigma=5.0 * run.F.sigma)) for run in campaign.runs]
     machine = GearMachine(Gear(loud))
     none = FittedExplanation((), Search(machine).null)
     told, untold, right = (
-        gap_of(whole, some, "force_law", none, None, noise_known=known).runs
-        for whole, some, known in (
-            (machine, loud, True),
-            (machine, loud, False),
-            (GearMachine(Gear(list(runs))), runs, True),
+        gap_of(whole, replace(campaign, noise_known=known), "force_law", none, None).runs
+        for whole, known in (
+            (machine, True),
+            (machine, False),
+            (GearMachine(Gear(campaign.runs)), True),
         )
     )
     for a, b, c in zip(told, untold, right, strict=True):

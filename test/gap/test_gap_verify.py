@@ -26,6 +26,7 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
@@ -182,3 +183,25 @@ def test_a_gap_of_trajectories_is_not_measured_as_another() -> None:
     campaign = PreparedCampaign("more", NOMINAL, (), mesh_table(NOMINAL.layout), ())
     with pytest.raises(AnalysisError, match="'trajectory' can't be measured"):
         repeat(campaign, NOMINAL, (), report)
+
+
+def test_a_delay_of_all_channels_is_no_gap_of_further_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A phase that is ahead of all channels by 4 us: sensors are calibrated as in a diagnosis."""
+    series, point = noisy(sampled({}, POINTS[0], 20), 1e-3, 3), POINTS[0]
+    data = series.data.copy()
+    data[:, series.names.index("phase")] += 4e-6 * point["Omega"] * OMEGA_N
+    late = prepared(TimeSeries(series.times, data, series.names), point, share=1e-3)
+    campaign = PreparedCampaign("late", NOMINAL, (late,), mesh_table(NOMINAL.layout), ())
+    report = StoredReport("rig", "none", (), "force_law", {})
+    # The other senses are not looked at, and take longest.
+    monkeypatch.setattr(
+        "herringbone_sim.gap.repeat.measure_senses",
+        lambda runs, correct, gap, *_: Senses(gap, gap, gap),
+    )
+    (found,) = repeat(campaign, NOMINAL, (), report).senses.residual.runs
+    assert found.nominal < 1.5 * found.floor
+    model = Augmented(np.ones(6), np.ones(3))
+    (wrong,) = residual_gap((late,), lambda run: run, "force_law", model).runs
+    assert wrong.nominal > 5.0 * wrong.floor

@@ -32,8 +32,9 @@ def gear() -> Gear:
     """A healthy practice rig: rotations of suns and carrier, forces of pins, 10 samples."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(600001, "none", channels="shafts_pins", samples_per_cycle=10)
-        return Gear(as_prepared(make_campaign(plan)).of_role("fit"))
+        plan = draw_plan(600001, "none", channels="shafts_pins")
+        made = make_campaign(replace(plan, samples_per_cycle=10))
+        return Gear(as_prepared(made).of_role("fit"))
 
 
 @pytest.mark.parametrize("channel", ["u_s_R", "F_pin2"])
@@ -146,10 +147,8 @@ def test_a_late_gauge_is_predicted_as_late_as_it_is(
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(
-            seed, effect, d=10.0, channels="shafts_pins", samples_per_cycle=10, law="catalogue"
-        )
-        made = make_campaign(plan)
+        plan = draw_plan(seed, effect, d=10.0, channels="shafts_pins", law="catalogue")
+        made = make_campaign(replace(plan, samples_per_cycle=10))
     of = made.label["effects"][0]
     late = of["locus"]["channels"]
     kind = "delay" if parameter == "delay" else "clock"

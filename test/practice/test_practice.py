@@ -13,6 +13,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.cause import Cause, at, mesh_mask
+from herringbone_sim.practice.channels import CHANNEL_SETS, channels_of, drawn_channels
 from herringbone_sim.practice.label import label_text, read_label, seal
 from herringbone_sim.practice.laws import window
 from herringbone_sim.practice.observe import largest, observe_run, pooled, simulate_run
@@ -20,10 +21,7 @@ from herringbone_sim.practice.outside import UNSEEN
 from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, RequestedNoise, draw_plan
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
-    CHANNEL_SETS,
     Sampling,
-    channels_of,
-    drawn_channels,
     geometry,
     law_force,
     own_error_shift,

@@ -15,15 +15,10 @@ from herringbone_sim.practice.chain import (
     random_part,
     turns,
 )
+from herringbone_sim.practice.channels import channels_of
 from herringbone_sim.practice.noise import NOISES, Noise, draw_noise
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
-from herringbone_sim.practice.record import (
-    COS_BETA,
-    Sampling,
-    channels_of,
-    geometry,
-    simulate_motion,
-)
+from herringbone_sim.practice.record import COS_BETA, Sampling, geometry, simulate_motion
 from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, omega_n, radii, rig_model
 
 POINT = {"delta_T": 84.3, "K": 0.0, "T_1": 819.0, "Omega": 1.0}

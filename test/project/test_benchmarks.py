@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from gears import make
 
+from benchmarks import counting
+from benchmarks.peers import measure, ours, problem
+from benchmarks.peers.measure import Row, cost_at
 from herringbone_sim.core.integrate import largest_exponent
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes.vector import LANES
@@ -18,12 +19,6 @@ from herringbone_sim.core.orbit import orbit_of
 from herringbone_sim.core.packed import make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
 from herringbone_sim.core.switching import polynomial
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
-from benchmarks import counting
-from benchmarks.peers import measure, ours, problem
-from benchmarks.peers.measure import Row, cost_at
 
 STATES = np.random.default_rng(5).normal(size=(20, 8))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,14 @@ import yaml
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.prepare import prepare
+from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.diagnose import machine_of
+from herringbone_sim.gap.feasible import feasible_observations
+from herringbone_sim.gap.sensor_calibration import calibrated_sensors
+from herringbone_sim.gap.sensors.filter_delay import with_delayed_waves
 from herringbone_sim.recording.campaign import read_campaign, write_campaign
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import RigPlan, make_campaign
@@ -65,6 +74,21 @@ def test_it_says_which_observations_can_be_formed(
     assert ("would name nothing" in said) == (not expected)
     (line,) = [one for one in said.splitlines() if one.startswith("run_00")]
     assert line.split()[4] == ("12/12" if keep("x_sp1_L") else "0/12")
+
+
+def test_it_names_the_observations_that_a_diagnosis_forms_behind_a_late_filter(rig: Path) -> None:
+    """Displacements that were computed from rotations before the filter count as measured."""
+
+    def filtered(run: PreparedRun) -> PreparedRun:
+        x = run.u.values @ bodies_to_meshes(run.model).T - with_delayed_waves(run, 1e-5).waves.e
+        alone = run.with_measured("x", replace(run.x, values=x))
+        return alone.without("v", run.v.recorded).without("F", run.F.recorded)
+
+    campaign = prepare(rig, Parameters())
+    campaign = replace(campaign, runs=tuple(map(filtered, campaign.runs)))
+    diagnosed = machine_of(calibrated_sensors(check(campaign)[0]), ()).observation_names
+    assert feasible_observations(campaign).observations == diagnosed
+    assert "torque_balance" in diagnosed
 
 
 def test_a_run_that_cannot_be_read_is_named_and_the_rest_is_told(

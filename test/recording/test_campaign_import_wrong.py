@@ -12,8 +12,7 @@ import pytest
 import yaml
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.errors import RecordingError
-from herringbone_sim.recording.importing.parse import read_spec
+from herringbone_sim.recording.importing import campaign
 
 Spec = dict[str, Any]
 SPEC: Spec = {
@@ -59,6 +58,10 @@ FILE = ("files", 0)
 FORCE = (*FILE, "channels", "F_sp1_L")
 WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     "no rig": (without("rig"), ("rig", "missing")),
+    "a rig with a long name": (
+        change("rig", to=256 * "r"),
+        ("rig must be a text of at most 255 characters, got 'rrr", "mend the spec"),
+    ),
     "an unknown key": (change("rigs", to="a"), ("rigs", "did you mean rig?")),
     "no runs": (change("runs", to=[]), ("runs must be a list",)),
     "a run is a text": (change("runs", 0, to="run_00"), ("runs[0]", "'run_00'")),
@@ -113,11 +116,16 @@ WRONG: dict[str, tuple[Callable[[Spec], None], tuple[str, ...]]] = {
     ),
     "a count of lines": (change(*FILE, "options", to={"skip": -1}), ("options.skip", "-1")),
     "an encoding": (change(*FILE, "options", to={"encoding": "none"}), ("run_00.csv", "none")),
-    "a share of noise": (
+    "noise of twice the signal": (
         change("noise", to={"rms_share": 2.0}),
         ("noise.rms_share of the spec", "2.0"),
     ),
-    "a sensor": (change("sensors", to={"F_sp1_L": "good"}), ("sensors", "good")),
+    "noise as a number": (change("noise", to=5), ("noise of the spec must be", "got 5")),
+    "sensors with words": (change("sensors", to={"F_sp1_L": "good"}), ("sensors", "good")),
+    "sensors below no noise": (
+        change("sensors", to={"F_sp1_L": {"rms": -1.0}}),
+        ("sensors of the spec must be", "the rms of F_sp1_L must be above 0"),
+    ),
     "no data sheet": (change("nominal", to="no.yaml"), ("no.yaml",)),
     "a column": (change(*FORCE, "column", to="kraft"), ("'kraft'", "t, phase, force, word")),
     "a column of words": (change(*FORCE, "column", to="word"), ("'word'", "numbers")),
@@ -175,18 +183,15 @@ def test_a_wrong_spec_is_one_error_and_leaves_nothing(
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("noise", {"rms_share": 2.0}), ("noise", 5), ("sensors", {"F_sp1_L": {"rms": -1.0}})],
-)
+@pytest.mark.parametrize("case", [case for case in WRONG if case.startswith(("noise", "sensors"))])
 def test_noise_and_sensors_are_checked_before_a_run_is_read(
-    tmp_path: Path, key: str, value: object
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fill(tmp_path)
-    (tmp_path / "spec.yaml").write_text(yaml.safe_dump(SPEC | {key: value}), encoding="utf-8")
-    with pytest.raises(RecordingError, match=rf"{key}.* of the spec must be"):
-        read_spec(tmp_path / "spec.yaml")
+    spec = copy.deepcopy(SPEC)
+    WRONG[case][0](spec)
+    monkeypatch.setattr(campaign, "read_columns", lambda *_: pytest.fail("a run was read"))
+    assert command(tmp_path, spec) == 2
 
 
 def test_an_import_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from herringbone_sim.__main__ import main
 from herringbone_sim.core.integrate import Stepper, change
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
@@ -67,7 +68,7 @@ def test_one_spoilt_bit_is_found_and_placed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("beyond", [0, 3])
 def test_samples_after_a_repetition_that_diverges_are_not_identical(
-    tmp_path: Path, beyond: int
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], beyond: int
 ) -> None:
     p = Parameters(delta_T=20.0)
     stepper = Stepper(build(p))
@@ -84,6 +85,8 @@ def test_samples_after_a_repetition_that_diverges_are_not_identical(
     assert (verdict.identical, verdict.samples) == (not beyond, len(rows))
     said = (verdict.first_difference, verdict.largest_difference)
     assert said == ((len(rows), np.inf) if beyond else (-1, 0.0))
+    assert main(["replay", str(writer.path), "--verify"]) == bool(beyond)
+    assert ("as the repetition diverges" in capsys.readouterr().out) == bool(beyond)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

@@ -22,14 +22,9 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.gap.residuals.residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
+from herringbone_sim.recording.hidden_effects import hidden_effects
 from herringbone_sim.recording.reader import read_recording
-from herringbone_sim.recording.rig import (
-    RigPlan,
-    hidden_effects,
-    make_campaign,
-    make_run,
-    within_tolerance,
-)
+from herringbone_sim.recording.rig import RigPlan, make_campaign, make_run, within_tolerance
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 NOMINAL = Parameters(model="full", samples_per_cycle=24)

@@ -17,10 +17,18 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import VARIABLE, effect
 from herringbone_sim.effects.stepper import change, stepper
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.sweeps.chains import job_of, observe_parts
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, sweep_from_json, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    Axis,
+    Observation,
+    Sweep,
+    default_chunk,
+    sweep_from_json,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import load_result, load_store
 
@@ -100,6 +108,22 @@ def test_chains_hand_own_states_on_in_parts_of_any_size(start: str) -> None:
     assert whole["end"].shape[1] == 8 + 4
     np.testing.assert_array_equal(whole["points"], cut["points"])
     np.testing.assert_array_equal(whole["end"], cut["end"])
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "expected"),
+    [
+        ("", "fixed", 256),
+        (RING, "fixed", 256),
+        (RING, "up", 16),
+        ("damping_law", "fixed", 256),
+        ("damping_law; damping_law@sp:power=1", "fixed", 16),  # no slot holds both
+    ],
+)
+def test_a_gear_by_the_laws_of_its_effects_is_swept_in_small_parts(
+    text: str, start: str, expected: int
+) -> None:
+    assert default_chunk(gear(), read_effects(text), start) == expected
 
 
 def test_the_exponent_of_chaos_is_that_of_the_tangent_flow() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import subprocess
 from pathlib import Path
 
@@ -27,7 +26,6 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.mirror.target import MirrorTarget
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-importlib.import_module("rerun")
 
 
 @pytest.fixture(scope="module")

@@ -100,8 +100,9 @@ def test_port_that_is_taken_is_said() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        mirror = RerunMirror(MirrorTarget("serve", str(taken.getsockname()[1])), PLAIN)
-        wait_for(mirror, "failed: port")
+        port = taken.getsockname()[1]
+        mirror = RerunMirror(MirrorTarget("serve", str(port)), PLAIN)
+        wait_for(mirror, f"failed: port {port} is taken")
         mirror.close(60.0)
 
 
@@ -149,7 +150,7 @@ def test_no_viewer_is_started_for_an_address_of_another_machine() -> None:
     from herringbone_sim.views.mirror.sink import ViewerError, open_sink
 
     port = free_port()
-    with pytest.raises(ViewerError, match=r"192\.0\.2\.1"):
+    with pytest.raises(ViewerError, match=r"nothing can listen at 192\.0\.2\.1"):
         open_sink(MirrorTarget("spawn", f"192.0.2.1:{port}"))
     assert not listens("127.0.0.1", port)
 

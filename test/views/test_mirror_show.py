@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import subprocess
 from pathlib import Path
 
@@ -145,7 +144,6 @@ def test_layout_of_names() -> None:
 
 
 def test_show_saves_a_file_that_rerun_verifies(run: Path, tmp_path: Path) -> None:
-    importlib.import_module("rerun")
     from herringbone_sim.views.mirror.sink import rerun_binary
 
     path = tmp_path / "run.rrd"
@@ -180,7 +178,6 @@ def test_show_of_nothing_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_picture_is_drawn_or_the_missing_driver_is_said(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    importlib.import_module("rerun")
     monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "none.json"))
     monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path / "none.json"))
     png = tmp_path / "run.png"

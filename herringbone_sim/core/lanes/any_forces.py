@@ -14,11 +14,11 @@ from herringbone_sim.core.lanes.packed import (
     BORDER,
     CONTACT,
     DAMPING,
+    DAMPING_SHARE,
     DEEP,
     DEPTH,
     EXPONENT,
     HALF,
-    OTHER,
     POWER,
     ROUNDING,
     STIFF,
@@ -39,7 +39,7 @@ from herringbone_sim.core.packed import called, inlined
 
 # Where |f| is below this, in b_c (0.1 um for b_c = 100 um), a law with a power of |f| is replaced
 # by a linear one of the same work: a power has no series at 0.
-NEAR = 1e-3
+LINEAR_BELOW = 1e-3
 # Rows of ``factor``: on f and on c v of the linear law; of the powers of |f| in spring and damper.
 LINEAR, LINEAR_DAMPER, STRENGTH, BENT_SHARE = range(4)
 
@@ -47,9 +47,9 @@ LINEAR, LINEAR_DAMPER, STRENGTH, BENT_SHARE = range(4)
 @inlined
 def power_of(w, out, i, a, row):
     """Compute order i of |f| to the exponent in row ``row`` of the constants, mesh a, into out."""
-    depth = w.own.depth
+    depth = w.nonlinear.depth
     if i == 0:
-        for lane in range(n_lanes(w.lane)):
+        for lane in range(n_lanes(w.progress)):
             put(out, 0, a, lane, get(depth, 0, a, lane) ** get(w.constants, row, a, lane))
         return
     exponent = load(w.constants, row, a)
@@ -64,32 +64,32 @@ def power_of(w, out, i, a, row):
 def set_factors(w):
     """Set the factors ``own.factor`` of the force law of every mesh in its present contact.
 
-    The linear law does the same work up to ``NEAR`` as the law that it replaces.
+    The linear law does the same work up to ``LINEAR_BELOW`` as the law that it replaces.
     """
     row = law_row(w)
     for a in range(w.k.shape[1]):
-        for lane in range(n_lanes(w.lane)):
+        for lane in range(n_lanes(w.progress)):
             reference, exponent = (
                 get(w.constants, row, a, lane),
                 get(w.constants, row + EXPONENT, a, lane),
             )
             share, power = (
-                get(w.constants, row + OTHER, a, lane),
+                get(w.constants, row + DAMPING_SHARE, a, lane),
                 get(w.constants, row + POWER, a, lane),
             )
             spring, damper, strength, bent = 1.0, 1.0, 1.0, 0.0
             if exponent != 1.0:
-                spring = 2.0 / (exponent + 1.0) * (NEAR / reference) ** (exponent - 1.0)
+                spring = 2.0 / (exponent + 1.0) * (LINEAR_BELOW / reference) ** (exponent - 1.0)
                 strength = reference ** (1.0 - exponent)
             if share != 0.0:
-                closed = abs(get(w.mesh, CONTACT, a, lane))
+                closed = abs(get(w.mesh_state, CONTACT, a, lane))
                 depth = get(w.constants, row + DEPTH, a, lane)
-                damper += share * (closed * (NEAR / depth) ** power / (power + 1.0) - 1.0)
+                damper += share * (closed * (LINEAR_BELOW / depth) ** power / (power + 1.0) - 1.0)
                 bent = share * depth**-power
-            put(w.own.factor, LINEAR, a, lane, spring)
-            put(w.own.factor, LINEAR_DAMPER, a, lane, damper)
-            put(w.own.factor, STRENGTH, a, lane, strength)
-            put(w.own.factor, BENT_SHARE, a, lane, bent)
+            put(w.nonlinear.factor, LINEAR, a, lane, spring)
+            put(w.nonlinear.factor, LINEAR_DAMPER, a, lane, damper)
+            put(w.nonlinear.factor, STRENGTH, a, lane, strength)
+            put(w.nonlinear.factor, BENT_SHARE, a, lane, bent)
 
 
 @inlined
@@ -101,22 +101,22 @@ def bends_spring(w, a):
 @inlined
 def bends_damper(w, a):
     """Whether the damping force of mesh a is not c v in any lane."""
-    return bits(load(w.constants, law_row(w) + OTHER, a) != 0.0) != 0
+    return bits(load(w.constants, law_row(w) + DAMPING_SHARE, a) != 0.0) != 0
 
 
 @inlined
 def mesh_force(w, i, a):
     """Compute order i of the force of mesh a from its deflection up to that order."""
-    o, row = w.own, law_row(w)
-    contact = load(w.mesh, CONTACT, a)
-    deep = load(w.mesh, DEEP, a) != 0.0
+    o, row = w.nonlinear, law_row(w)
+    contact = load(w.mesh_state, CONTACT, a)
+    deep = load(w.mesh_state, DEEP, a) != 0.0
     f = absolute(contact) * load(w.x, i, a)
     rest = 0.0
     damper = 0.0
     unit = 0.0
     if i == 0:
         f = f - contact * load(w.constants, BORDER, a)
-        rest = 1.0 - load(w.constants, row + OTHER, a)
+        rest = 1.0 - load(w.constants, row + DAMPING_SHARE, a)
         damper = load(o.factor, LINEAR_DAMPER, a)
         unit = 1.0
     spring = load(o.factor, LINEAR, a) * f
@@ -149,8 +149,8 @@ def logarithms(w, which, a, sign):
     u = (sign x - half play) / rounding, its derivative by u, and ln(1 + e^u).
     """
     row, p, j = law_row(w), w.q.shape[0], a - w.k.shape[1]
-    g = w.own.corner
-    for lane in range(n_lanes(w.lane)):
+    g = w.nonlinear.corner
+    for lane in range(n_lanes(w.progress)):
         width = get(w.constants, row + ROUNDING, a, lane)
         if width == 0.0:
             width = 1.0
@@ -168,7 +168,7 @@ def corner(w, which, i, a, sign):
     if i == 0:
         logarithms(w, which, a, sign)
         return
-    p, g, j = w.q.shape[0], w.own.corner, a - w.k.shape[1]
+    p, g, j = w.q.shape[0], w.nonlinear.corner, a - w.k.shape[1]
     width = load(w.constants, law_row(w) + ROUNDING, a)
     per_width = sign / choose(width == 0.0, 1.0, width)
     logistic, rise = 0.0, 0.0
@@ -185,10 +185,10 @@ def corner(w, which, i, a, sign):
 
 
 @inlined
-def hold_force(w, i, a):
+def seat_force_series(w, i, a):
     """Compute order i of the force of the seat in column a."""
-    row, p, g, j = law_row(w), w.q.shape[0], w.own.corner, a - w.k.shape[1]
-    contact = load(w.mesh, CONTACT, a)
+    row, p, g, j = law_row(w), w.q.shape[0], w.nonlinear.corner, a - w.k.shape[1]
+    contact = load(w.mesh_state, CONTACT, a)
     play = absolute(contact) * load(w.x, i, a)
     if i == 0:
         play = play - contact * load(w.constants, row + HALF, a)
@@ -198,5 +198,5 @@ def hold_force(w, i, a):
         corner(w, 0, i, a, 1.0)
         corner(w, 3, i, a, -1.0)
         play = choose(straight, play, width * (load(g, 2 * p + i, j) - load(g, 5 * p + i, j)))
-    dashpot = load(w.constants, DAMPING, a) * load(w.own.rate, i, a)
+    dashpot = load(w.constants, DAMPING, a) * load(w.nonlinear.rate, i, a)
     store(w.forces, i, a, fma(load(w.constants, row + STIFF, a), play, dashpot))

@@ -12,23 +12,23 @@ from herringbone_sim.core.lanes.any_forces import (
     STRENGTH,
     bends_damper,
     bends_spring,
-    hold_force,
     mesh_force,
+    seat_force_series,
     set_factors,
 )
 from herringbone_sim.core.lanes.extended import know_signs, law_row, push_pairs, shift_series
 from herringbone_sim.core.lanes.packed import (
     CONTACT,
     DAMPING,
+    DAMPING_SHARE,
     DEEP,
     EXPONENT,
+    INTERVAL_CYCLES,
     LEFT,
-    OTHER,
     POWER,
     ROUNDING,
     SHARE,
     STIFF,
-    TURN,
 )
 from herringbone_sim.core.lanes.series import accelerate, begin_series
 from herringbone_sim.core.lanes.vector import (
@@ -49,11 +49,11 @@ TAIL = 1e-10  # largest size of the last two terms of a series, b_c or b_c omega
 
 
 @inlined
-def deflect(shape, w, i, forced, coupled):
+def deflect(unrolled, w, i, forced, coupled):
     """Compute order i of the deflections and of their rates from that of the motion."""
-    sides, c = len(shape[0]), len(shape[1])
+    sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
-    rate = float(i + 1) / load(w.lane, LEFT, 0)
+    rate = float(i + 1) / load(w.progress, LEFT, 0)
     for side in range(sides):
         for k in range(c):
             a = side * c + k
@@ -67,39 +67,39 @@ def deflect(shape, w, i, forced, coupled):
                     dr = dr - rate * load(w.error, i + 1, half + a)
             store(w.x, i, a, x)
             store(w.x, i, half + a, r)
-            store(w.own.rate, i, a, v)
-            store(w.own.rate, i, half + a, dr)
-    shift_series(w, i, w.own.rate, coupled)
+            store(w.nonlinear.rate, i, a, v)
+            store(w.nonlinear.rate, i, half + a, dr)
+    shift_series(w, i, w.nonlinear.rate, coupled)
 
 
 @inlined
-def push(shape, w, i, forced, coupled, controlled, inverse):
+def push(unrolled, w, i, forced, coupled, controlled, inverse):
     """Compute order i + 1 of the motion from order i of all forces."""
     for a in range(w.k.shape[1]):
         store(w.force, 0, a, load(w.forces, i, a))
     if forced and i == 0:
         know_signs(w)
     push_pairs(w, i, coupled)
-    scale = load(w.lane, LEFT, 0) * inverse[i + 1]
-    accelerate(shape, w, i, forced, coupled, controlled, scale)
+    scale = load(w.progress, LEFT, 0) * inverse[i + 1]
+    accelerate(unrolled, w, i, forced, coupled, controlled, scale)
 
 
 @called
-def expand_any_motion(shape, w, controlled, inverse):
+def expand_nonlinear_motion(unrolled, w, controlled, inverse):
     """Compute the series of the state over the interval of each lane."""
     last = w.k.shape[0] - 1
-    begin_series(shape, w, 0)
+    begin_series(unrolled, w, 0)
     set_factors(w)
     for i in range(last):
-        deflect(shape, w, i, True, True)
+        deflect(unrolled, w, i, True, True)
         for a in range(w.k.shape[1]):
             mesh_force(w, i, a)
         for a in range(w.k.shape[1], w.x.shape[1]):
-            hold_force(w, i, a)
-        push(shape, w, i, True, True, controlled, inverse)
-    deflect(shape, w, last, True, True)
+            seat_force_series(w, i, a)
+        push(unrolled, w, i, True, True, controlled, inverse)
+    deflect(unrolled, w, last, True, True)
     for a in range(w.x.shape[1]):
-        store(w.own.rate, last, a, 0.0)
+        store(w.nonlinear.rate, last, a, 0.0)
         store(w.forces, last, a, 0.0)
 
 
@@ -107,13 +107,14 @@ def expand_any_motion(shape, w, controlled, inverse):
 def expand_derivatives(w):
     """Compute the series of the derivatives of all forces by deflections and rates.
 
-    They are ``soft``, ``damp`` and ``give`` in ``w.own``, for tangent vectors.
+    They are ``stiffness_by_x``, ``damping_by_v`` and ``seat_stiffness`` in ``w.nonlinear``, for
+    tangent vectors.
     """
-    o, row = w.own, law_row(w)
+    o, row = w.nonlinear, law_row(w)
     last = w.k.shape[0] - 1
     for a in range(w.k.shape[1]):
-        contact = load(w.mesh, CONTACT, a)
-        deep = load(w.mesh, DEEP, a) != 0.0
+        contact = load(w.mesh_state, CONTACT, a)
+        deep = load(w.mesh_state, DEEP, a) != 0.0
         some = bits(deep) != 0
         c = load(w.constants, DAMPING, a)
         straight = absolute(contact) * load(o.factor, LINEAR, a)
@@ -121,79 +122,86 @@ def expand_derivatives(w):
         exponent, power = load(w.constants, row + EXPONENT, a), load(w.constants, row + POWER, a)
         strength = exponent * load(o.factor, STRENGTH, a)
         for i in range(last + 1):
-            damp = 0.0
-            soft = straight * load(w.k, i, a)
+            damping_by_v = 0.0
+            stiffness_by_x = straight * load(w.k, i, a)
             if i == 0:
-                damp = c * load(o.factor, LINEAR_DAMPER, a)
+                damping_by_v = c * load(o.factor, LINEAR_DAMPER, a)
             if some and bends_spring(w, a):
                 # |f|^(p - 1), by division of the series of |f|^p by that of |f|
                 less = quotient(o, o.spring_power, i, a)
-                store(o.other, i, a, less)
+                store(o.power_over_depth, i, a, less)
                 bent = 0.0
                 for j in range(i + 1):
-                    bent = fma(load(w.k, j, a), load(o.other, i - j, a), bent)
-                soft = choose(deep, strength * bent, soft)
+                    bent = fma(load(w.k, j, a), load(o.power_over_depth, i - j, a), bent)
+                stiffness_by_x = choose(deep, strength * bent, stiffness_by_x)
             if some and bends_damper(w, a):
-                rest = c * (1.0 - load(w.constants, row + OTHER, a)) if i == 0 else 0.0
-                damp = choose(deep, fma(share, load(o.damper_power, i, a), rest), damp)
-            store(o.soft, i, a, soft)
-            store(o.damp, i, a, damp)
+                rest = c * (1.0 - load(w.constants, row + DAMPING_SHARE, a)) if i == 0 else 0.0
+                damping_by_v = choose(
+                    deep, fma(share, load(o.damper_power, i, a), rest), damping_by_v
+                )
+            store(o.stiffness_by_x, i, a, stiffness_by_x)
+            store(o.damping_by_v, i, a, damping_by_v)
         if some and bends_damper(w, a):
             for i in range(last + 1):
                 less = quotient(o, o.damper_power, i, a)
-                store(o.other, i, a, less)
+                store(o.power_over_depth, i, a, less)
                 more = 0.0
                 for j in range(i + 1):
-                    more = fma(load(o.rate, j, a), load(o.other, i - j, a), more)
+                    more = fma(load(o.rate, j, a), load(o.power_over_depth, i - j, a), more)
                 more = choose(deep, contact * share * power * more, 0.0)
-                store(o.soft, i, a, load(o.soft, i, a) + more)
+                store(o.stiffness_by_x, i, a, load(o.stiffness_by_x, i, a) + more)
     p, g = w.q.shape[0], o.corner
-    for j in range(w.shape[4]):
+    for j in range(w.sizes[4]):
         b = w.k.shape[1] + j
         width, stiff = load(w.constants, row + ROUNDING, b), load(w.constants, row + STIFF, b)
         straight = width == 0.0
         for i in range(last + 1):
-            give = stiff * absolute(load(w.mesh, CONTACT, b)) if i == 0 else 0.0
+            seat_stiffness = stiff * absolute(load(w.mesh_state, CONTACT, b)) if i == 0 else 0.0
             if bits(without(straight)):
-                give = choose(straight, give, stiff * (load(g, i, j) + load(g, 3 * p + i, j)))
-            store(o.give, i, j, give)
+                seat_stiffness = choose(
+                    straight, seat_stiffness, stiff * (load(g, i, j) + load(g, 3 * p + i, j))
+                )
+            store(o.seat_stiffness, i, j, seat_stiffness)
 
 
 @inlined
 def quotient(o, series, i, a):
-    """Return order i of a series divided by ``depth``; lower orders of it are in ``other``."""
+    """Return order i of a series divided by ``depth``.
+
+    Lower orders of it are in ``power_over_depth``.
+    """
     total = load(series, i, a)
     for j in range(1, i + 1):
-        total = total - load(o.depth, j, a) * load(o.other, i - j, a)
+        total = total - load(o.depth, j, a) * load(o.power_over_depth, i - j, a)
     return total / load(o.depth, 0, a)
 
 
 @called
-def expand_any_tangent(shape, w, row, coupled, inverse):
+def expand_nonlinear_tangent(unrolled, w, row, coupled, inverse):
     """Compute the series of a tangent vector; call ``expand_derivatives`` before."""
-    o, last = w.own, w.k.shape[0] - 1
-    begin_series(shape, w, row)
+    o, last = w.nonlinear, w.k.shape[0] - 1
+    begin_series(unrolled, w, row)
     for i in range(last):
-        deflect(shape, w, i, False, coupled)
+        deflect(unrolled, w, i, False, coupled)
         for a in range(w.k.shape[1]):
             total = 0.0
             for j in range(i + 1):
-                total = fma(load(o.soft, j, a), load(w.x, i - j, a), total)
-                total = fma(load(o.damp, j, a), load(o.rate, i - j, a), total)
+                total = fma(load(o.stiffness_by_x, j, a), load(w.x, i - j, a), total)
+                total = fma(load(o.damping_by_v, j, a), load(o.rate, i - j, a), total)
             store(w.forces, i, a, total)
-        for j in range(w.shape[4]):
+        for j in range(w.sizes[4]):
             a = w.k.shape[1] + j
             total = load(w.constants, DAMPING, a) * load(o.rate, i, a)
             for r in range(i + 1):
-                total = fma(load(o.give, r, j), load(w.x, i - r, a), total)
+                total = fma(load(o.seat_stiffness, r, j), load(w.x, i - r, a), total)
             store(w.forces, i, a, total)
-        push(shape, w, i, False, coupled, False, inverse)
+        push(unrolled, w, i, False, coupled, False, inverse)
 
 
 @called
 def shorten(w):
     """Cut the interval of each lane where the last terms exceed ``TAIL``; rescale all series."""
-    o, last = w.own, w.q.shape[0] - 1
+    o, last = w.nonlinear, w.q.shape[0] - 1
     end, before = 0.0, 0.0
     for k in range(w.q.shape[1]):
         end = most(most(end, absolute(load(w.v, last, k))), absolute(load(w.q, last, k)))
@@ -203,7 +211,7 @@ def shorten(w):
         return
     store(w.scale, 0, 0, end)
     store(w.scale, 1, 0, before)
-    for lane in range(n_lanes(w.lane)):
+    for lane in range(n_lanes(w.progress)):
         share = 1.0
         if get(w.scale, 0, 0, lane) > TAIL:
             share = min(share, (TAIL / get(w.scale, 0, 0, lane)) ** (1.0 / last))
@@ -225,14 +233,14 @@ def shorten(w):
             store(w.x, i, a, load(w.x, i, a) * scale)
             store(o.rate, i, a, load(o.rate, i, a) * scale)
             store(w.forces, i, a, load(w.forces, i, a) * scale)
-        for j in range(w.shape[4]):
+        for j in range(w.sizes[4]):
             for which in range(6):
                 row = which * w.q.shape[0] + i
                 store(o.corner, row, j, load(o.corner, row, j) * scale)
         scale = scale * share
-    store(w.lane, LEFT, 0, load(w.lane, LEFT, 0) * share)
-    store(w.lane, SHARE, 0, load(w.lane, SHARE, 0) * share)
-    store(w.lane, TURN, 0, load(w.lane, TURN, 0) * share)
+    store(w.progress, LEFT, 0, load(w.progress, LEFT, 0) * share)
+    store(w.progress, SHARE, 0, load(w.progress, SHARE, 0) * share)
+    store(w.progress, INTERVAL_CYCLES, 0, load(w.progress, INTERVAL_CYCLES, 0) * share)
     t_all = w.pairs.shape[0]
     for t in range(t_all):
         store(w.mix, t_all + t, 0, load(w.mix, t_all + t, 0) * share)

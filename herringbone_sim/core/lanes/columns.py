@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_series import expand_any_motion, expand_any_tangent
+from herringbone_sim.core.lanes.any_series import expand_nonlinear_motion, expand_nonlinear_tangent
 from herringbone_sim.core.lanes.extended import jump_rows, shift_row
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
@@ -36,7 +36,7 @@ from herringbone_sim.core.packed import called, inlined
 Flags = NDArray[np.bool_]
 
 
-class Near(NamedTuple):
+class Neighbours(NamedTuple):
     """Columns of the n models of a batch, p each, and work arrays of their neighbours."""
 
     table: Array  # (n, 2 p, rows, entries) constants, plus and minus of each in turn
@@ -48,7 +48,7 @@ class Near(NamedTuple):
     excites: Flags  # (p,) whether k, e or the loads of any model differ between the neighbours
     columns: Array  # (p, n_state, LANES) present columns, advanced in place
     more: Array  # (p, n_state, LANES) change of the end of a move by each parameter alone
-    moved: Array  # (p, n_mesh, LANES) change by each parameter of the border that a mesh meets
+    border_shift: Array  # (p, n_mesh, LANES) of the border that a mesh meets, by each parameter
     pair: Array  # (1, n_state, LANES) end state of the neighbour on the plus side
     work: Work  # work arrays of the neighbours
 
@@ -71,60 +71,60 @@ def work_with(w, constants, y):
         w.forces,
         w.push,
         w.mix,
-        w.mesh,
-        w.lane,
-        w.turned,
+        w.mesh_state,
+        w.progress,
+        w.start_angles,
         w.bump,
-        w.shape,
+        w.sizes,
         w.pairs,
         w.shifts,
         w.rubs,
-        w.own,
+        w.nonlinear,
         w.value,
-        w.place,
+        w.step_index,
         w.cycle,
         w.steps,
     )
 
 
 @called
-def take_columns(near, lane, value):
+def take_columns(neighbours, lane, value):
     """Copy start columns and neighbours' constants of model number ``value`` into a lane."""
-    for c in range(near.table.shape[1]):
-        for row in range(near.table.shape[2]):
-            for m in range(near.table.shape[3]):
-                put(near.constants[c], row, m, lane, near.table[value, c, row, m])
-    for c in range(near.steps.shape[1]):
-        put(near.step, c, 0, lane, near.steps[value, c, 0])
-        for j in range(near.starts.shape[2]):
-            put(near.columns, c, j, lane, near.starts[value, c, j])
+    for c in range(neighbours.table.shape[1]):
+        for row in range(neighbours.table.shape[2]):
+            for m in range(neighbours.table.shape[3]):
+                put(neighbours.constants[c], row, m, lane, neighbours.table[value, c, row, m])
+    for c in range(neighbours.steps.shape[1]):
+        put(neighbours.step, c, 0, lane, neighbours.steps[value, c, 0])
+        for j in range(neighbours.starts.shape[2]):
+            put(neighbours.columns, c, j, lane, neighbours.starts[value, c, j])
 
 
 @called
-def tell_columns(near, lane, value):
-    """Copy the columns of a lane into ``near.ends``, as results of model number ``value``."""
-    for c in range(near.columns.shape[0]):
-        for j in range(near.columns.shape[1]):
-            near.ends[value, c, j] = get(near.columns, c, j, lane)
+def tell_columns(neighbours, lane, value):
+    """Copy the columns of a lane into ``neighbours.ends``, as results of model ``value``."""
+    for c in range(neighbours.columns.shape[0]):
+        for j in range(neighbours.columns.shape[1]):
+            neighbours.ends[value, c, j] = get(neighbours.columns, c, j, lane)
 
 
 @inlined
-def follow(w, near):
+def follow(w, neighbours):
     """Copy progress and contact of the lanes into the work arrays of the neighbours."""
-    for row in range(w.lane.shape[0]):
-        store(near.work.lane, row, 0, load(w.lane, row, 0))
-    for row in range(w.mesh.shape[0]):
-        for m in range(w.mesh.shape[1]):
-            store(near.work.mesh, row, m, load(w.mesh, row, m))
-    store(near.work.lane, SWITCHES, 0, 1.0)  # not 0: contact and signs are not set anew
+    for row in range(w.progress.shape[0]):
+        store(neighbours.work.progress, row, 0, load(w.progress, row, 0))
+    for row in range(w.mesh_state.shape[0]):
+        for m in range(w.mesh_state.shape[1]):
+            store(neighbours.work.mesh_state, row, m, load(w.mesh_state, row, m))
+    store(neighbours.work.progress, SWITCHES, 0, 1.0)  # not 0: contact and signs are not set anew
 
 
 @inlined
-def neighbour(w, near, i):
+def neighbour(w, neighbours, i):
     """Return the neighbours' work arrays with constants and control angle of neighbour i."""
-    other = work_with(near.work, near.constants[i], near.work.y)
+    other = work_with(neighbours.work, neighbours.constants[i], neighbours.work.y)
     ahead = load(other.constants, CONTROL_PHASE, 0) - load(w.constants, CONTROL_PHASE, 0)
-    store(other.lane, ANGLE, 0, load(w.lane, ANGLE, 0) + ahead)
+    store(other.progress, ANGLE, 0, load(w.progress, ANGLE, 0) + ahead)
     return other
 
 
@@ -140,68 +140,71 @@ def copy_excitation(run, w):
 
 
 @called
-def move_columns(shape, w, near, inverse, controlled):
+def move_columns(unrolled, w, neighbours, inverse, controlled):
     """Advance columns by the move of each lane, for affine motions; ``w.y`` is before the move."""
-    follow(w, near)
-    n = near.columns.shape[1]
-    for c in range(near.columns.shape[0]):
-        eps = load(near.step, c, 0)
+    follow(w, neighbours)
+    n = neighbours.columns.shape[1]
+    for c in range(neighbours.columns.shape[0]):
+        eps = load(neighbours.step, c, 0)
         for which in range(2):
-            other = neighbour(w, near, 2 * c + which)
+            other = neighbour(w, neighbours, 2 * c + which)
             side = eps * (1.0 - 2.0 * which)
             for j in range(n):
-                store(other.y, 0, j, fma(side, load(near.columns, c, j), load(w.y, 0, j)))
-            if near.excites[c]:
+                store(other.y, 0, j, fma(side, load(neighbours.columns, c, j), load(w.y, 0, j)))
+            if neighbours.excites[c]:
                 expand_excitation(other, inverse, controlled)
             elif which == 0:
                 copy_excitation(w, other)
-            expand_motion(shape, other, 0, True, True, controlled, inverse)
-            take_state(shape, other, 0)
-            if len(shape[2]) > 0:
-                put_moved(w, near, other, c, (0.5 - which) / eps, which == 0)
+            expand_motion(unrolled, other, 0, True, True, controlled, inverse)
+            take_state(unrolled, other, 0)
+            if len(unrolled[2]) > 0:
+                put_border_shift(w, neighbours, other, c, (0.5 - which) / eps, which == 0)
             for j in range(n):
                 if which == 0:
-                    store(near.pair, 0, j, load(other.y, 0, j))
+                    store(neighbours.pair, 0, j, load(other.y, 0, j))
                 else:
-                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
-                    store(near.columns, c, j, difference / (eps + eps))
+                    difference = load(neighbours.pair, 0, j) - load(other.y, 0, j)
+                    store(neighbours.columns, c, j, difference / (eps + eps))
 
 
 @called
-def push_columns(shape, w, near, inverse, controlled):
-    """Compute ``near.more`` and ``near.moved``, the changes of a move by the parameters alone."""
-    follow(w, near)
-    n = near.columns.shape[1]
-    for c in range(near.columns.shape[0]):
-        eps = load(near.step, c, 0)
+def push_columns(unrolled, w, neighbours, inverse, controlled):
+    """Compute the changes of a move by the parameters alone.
+
+    They are ``neighbours.more`` and ``neighbours.border_shift``.
+    """
+    follow(w, neighbours)
+    n = neighbours.columns.shape[1]
+    for c in range(neighbours.columns.shape[0]):
+        eps = load(neighbours.step, c, 0)
         scale = 0.5 / eps
         for which in range(2):
-            other = neighbour(w, near, 2 * c + which)
+            other = neighbour(w, neighbours, 2 * c + which)
             for j in range(n):
                 store(other.y, 0, j, load(w.y, 0, j))
             expand_excitation(other, inverse, controlled)
-            expand_any_motion(shape, other, controlled, inverse)
-            take_state(shape, other, 0)
-            put_moved(w, near, other, c, scale * (1.0 - 2.0 * which), which == 0)
+            expand_nonlinear_motion(unrolled, other, controlled, inverse)
+            take_state(unrolled, other, 0)
+            put_border_shift(w, neighbours, other, c, scale * (1.0 - 2.0 * which), which == 0)
             for j in range(n):
                 if which == 0:
-                    store(near.pair, 0, j, load(other.y, 0, j))
+                    store(neighbours.pair, 0, j, load(other.y, 0, j))
                 else:
-                    difference = load(near.pair, 0, j) - load(other.y, 0, j)
-                    store(near.more, c, j, difference * scale)
+                    difference = load(neighbours.pair, 0, j) - load(other.y, 0, j)
+                    store(neighbours.more, c, j, difference * scale)
 
 
 @called
-def put_moved(w, near, other, c, scale, fresh):
+def put_border_shift(w, neighbours, other, c, scale, fresh):
     """Add ``scale`` times the deflection at which each mesh of a neighbour meets its border.
 
-    The sum is row c of ``near.moved``, at the end of the move; ``fresh`` begins a new sum. Errors
-    are added to the border, displacements by added coordinates subtracted.
+    The sum is row c of ``neighbours.border_shift``, at the end of the move; ``fresh`` begins a new
+    sum. Errors are added to the border, displacements by added coordinates subtracted.
     """
-    first = w.q.shape[1] - w.shape[4]
+    first = w.q.shape[1] - w.sizes[4]
     for a in range(w.k.shape[1]):
-        contact = load(w.mesh, CONTACT, a)
-        side = choose(contact == 0.0, load(w.mesh, NEXT, a), contact)
+        contact = load(w.mesh_state, CONTACT, a)
+        side = choose(contact == 0.0, load(w.mesh_state, NEXT, a), contact)
         level = fma(side, load(other.constants, BORDER, a), at_move(w, other.error, a))
         for t in range(w.shifts.shape[0]):
             if w.shifts[t, 1] == a:
@@ -209,33 +212,46 @@ def put_moved(w, near, other, c, scale, fresh):
                 shift = load(other.constants, shift_row(w, True, j), a)
                 level = level - shift * at_move(w, w.q, first + j)
         if fresh:
-            store(near.moved, c, a, level * scale)
+            store(neighbours.border_shift, c, a, level * scale)
         else:
-            store(near.moved, c, a, fma(level, scale, load(near.moved, c, a)))
+            store(
+                neighbours.border_shift,
+                c,
+                a,
+                fma(level, scale, load(neighbours.border_shift, c, a)),
+            )
 
 
 @inlined
 def at_move(w, series, a):
     """Return the value of column a of a series at the end of each lane's move."""
-    move, value = load(w.lane, MOVE, 0), load(series, series.shape[0] - 1, a)
+    move, value = load(w.progress, MOVE, 0), load(series, series.shape[0] - 1, a)
     for i in range(series.shape[0] - 2, -1, -1):
         value = fma(value, move, load(series, i, a))
     return value
 
 
 @inlined
-def jump_columns(shape, w, near):
+def jump_columns(unrolled, w, neighbours):
     """Apply the saltation matrix to columns where a mesh force jumps at the end of a move."""
-    for c in range(near.columns.shape[0]):
-        jump_rows(shape, w, near.columns, c, True, near.moved)
+    for c in range(neighbours.columns.shape[0]):
+        jump_rows(unrolled, w, neighbours.columns, c, True, neighbours.border_shift)
 
 
 @called
-def move_any_columns(shape, w, near, inverse):
-    """Advance columns as tangent vectors and add ``near.more``, after ``expand_derivatives``."""
-    of_columns = work_with(w, w.constants, near.columns)
-    for c in range(near.columns.shape[0]):
-        expand_any_tangent(shape, of_columns, c, True, inverse)
-        take_state(shape, of_columns, c)
-        for j in range(near.columns.shape[1]):
-            store(near.columns, c, j, load(near.columns, c, j) + load(near.more, c, j))
+def move_nonlinear_columns(unrolled, w, neighbours, inverse):
+    """Advance columns as tangent vectors and add ``neighbours.more``.
+
+    Call ``expand_derivatives`` before.
+    """
+    of_columns = work_with(w, w.constants, neighbours.columns)
+    for c in range(neighbours.columns.shape[0]):
+        expand_nonlinear_tangent(unrolled, of_columns, c, True, inverse)
+        take_state(unrolled, of_columns, c)
+        for j in range(neighbours.columns.shape[1]):
+            store(
+                neighbours.columns,
+                c,
+                j,
+                load(neighbours.columns, c, j) + load(neighbours.more, c, j),
+            )

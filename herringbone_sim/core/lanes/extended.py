@@ -17,24 +17,24 @@ from herringbone_sim.core.lanes.packed import (
     DAMP,
     DAMPING,
     HALF,
+    INTERVAL_CYCLES,
     JUMP,
     LEFT,
     MOVE,
     OMEGA,
     OPEN,
     PHASE,
+    PITCH_SIDE,
+    PITCH_START,
     PLANET,
     ROWS_OF_LAWS,
     SHARE,
-    SIDE,
     SIGN,
-    START,
     STIFF,
     SUN,
     SWITCHES,
-    TURN,
 )
-from herringbone_sim.core.lanes.rows import window_row
+from herringbone_sim.core.lanes.rows import event_row
 from herringbone_sim.core.lanes.vector import absolute, bits, choose, fma, load, nearest, store
 from herringbone_sim.core.packed import TWO_PI, called, inlined
 from herringbone_sim.core.right_hand_side import ON_EDGE
@@ -43,20 +43,20 @@ from herringbone_sim.core.right_hand_side import ON_EDGE
 @inlined
 def law_row(w):
     """Return the first row of the constants of laws."""
-    return window_row(w, w.shape[2])
+    return event_row(w, w.sizes[2])
 
 
 @inlined
 def shift_row(w, coupled, j):
     """Return the row of the displacement of the meshes by added coordinate j."""
-    return law_row(w) + ROWS_OF_LAWS + (j if coupled else w.shape[4] + j)
+    return law_row(w) + ROWS_OF_LAWS + (j if coupled else w.sizes[4] + j)
 
 
 @inlined
 def push_row(w, coupled, which, k):
     """Return the row of ``Packed.push[which, k]``."""
     part = which if coupled else 3 + which
-    return law_row(w) + ROWS_OF_LAWS + 2 * w.shape[4] + part * (w.q.shape[1] + 1) + k
+    return law_row(w) + ROWS_OF_LAWS + 2 * w.sizes[4] + part * (w.q.shape[1] + 1) + k
 
 
 @inlined
@@ -73,30 +73,30 @@ def stop_at_pitch(w):
     There the distance from the pitch point passes zero or jumps to the next pair of teeth.
     """
     if w.rubs.size > 0:
-        left = load(w.lane, LEFT, 0)
-        start = load(w.lane, PHASE, 0) * (1.0 / TWO_PI)
+        left = load(w.progress, LEFT, 0)
+        start = load(w.progress, PHASE, 0) * (1.0 / TWO_PI)
         half = start + start
         cycles = (down(half + 2.0 * ON_EDGE) + 1.0 - half) * 0.5
         part = cycles * TWO_PI / load(w.constants, OMEGA, 0)
         near = (TWO_PI * ON_EDGE) / load(w.constants, OMEGA, 0)
         part = choose(part < left - near, part, left)
-        turn = part * load(w.constants, OMEGA, 0) * (1.0 / TWO_PI)
-        middle = start + turn * 0.5
+        interval_cycles = part * load(w.constants, OMEGA, 0) * (1.0 / TWO_PI)
+        middle = start + interval_cycles * 0.5
         whole = down(middle + 0.5)
-        store(w.lane, LEFT, 0, part)
-        store(w.lane, SHARE, 0, load(w.lane, SHARE, 0) * part / left)
-        store(w.lane, START, 0, start - whole)
-        store(w.lane, SIDE, 0, choose(middle > whole, 1.0, -1.0))
-        store(w.lane, TURN, 0, turn)
+        store(w.progress, LEFT, 0, part)
+        store(w.progress, SHARE, 0, load(w.progress, SHARE, 0) * part / left)
+        store(w.progress, PITCH_START, 0, start - whole)
+        store(w.progress, PITCH_SIDE, 0, choose(middle > whole, 1.0, -1.0))
+        store(w.progress, INTERVAL_CYCLES, 0, interval_cycles)
 
 
 @inlined
-def touch_all(shape, w):
+def touch_all(unrolled, w):
     """Set contact of meshes and seats, and force signs to 0 (unknown), as a grid step begins."""
-    sides, c = len(shape[0]), len(shape[1])
+    sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
     m = sides + half
-    begins = load(w.lane, SWITCHES, 0) == 0.0
+    begins = load(w.progress, SWITCHES, 0) == 0.0
     for side in range(sides):
         for k in range(c):
             a = side * c + k
@@ -107,23 +107,23 @@ def touch_all(shape, w):
         j, a = w.shifts[t, 0], w.shifts[t, 1]
         shift = load(w.constants, shift_row(w, True, j), a)
         store(w.x, 0, a, fma(shift, load(w.y, 0, 2 * m + j), load(w.x, 0, a)))
-    for j in range(w.shape[4]):
+    for j in range(w.sizes[4]):
         store(w.x, 0, 2 * half + j, load(w.y, 0, 2 * m + j))
     for a in range(w.x.shape[1]):
         x, b = load(w.x, 0, a), load(w.constants, BORDER, a)
         back = choose(x < 0.0 - b, -1.0, 0.0)
         contact = choose(x > b, 1.0, back)
-        store(w.mesh, CONTACT, a, choose(begins, contact, load(w.mesh, CONTACT, a)))
-        store(w.mesh, SIGN, a, choose(begins, 0.0, load(w.mesh, SIGN, a)))
+        store(w.mesh_state, CONTACT, a, choose(begins, contact, load(w.mesh_state, CONTACT, a)))
+        store(w.mesh_state, SIGN, a, choose(begins, 0.0, load(w.mesh_state, SIGN, a)))
 
 
 @inlined
 def set_damping(w):
     """Set DAMP: the damping of meshes and seats in their present contact."""
     for a in range(w.x.shape[1]):
-        separated = load(w.mesh, CONTACT, a) == 0.0
+        separated = load(w.mesh_state, CONTACT, a) == 0.0
         c = load(w.constants, DAMPING, a)
-        store(w.mesh, DAMP, a, choose(separated, load(w.constants, law_row(w) + OPEN, a), c))
+        store(w.mesh_state, DAMP, a, choose(separated, load(w.constants, law_row(w) + OPEN, a), c))
 
 
 @inlined
@@ -132,13 +132,13 @@ def shift_series(w, i, rate, coupled):
 
     Those of seats are set.
     """
-    first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
+    first, n = w.q.shape[1] - w.sizes[4], w.k.shape[1]
     for t in range(w.shifts.shape[0]):
         j, a = w.shifts[t, 0], w.shifts[t, 1]
         shift = load(w.constants, shift_row(w, coupled, j), a)
         store(w.x, i, a, fma(shift, load(w.q, i, first + j), load(w.x, i, a)))
         store(rate, i, a, fma(shift, load(w.v, i, first + j), load(rate, i, a)))
-    for j in range(w.shape[4]):
+    for j in range(w.sizes[4]):
         store(w.x, i, n + j, load(w.q, i, first + j))
         store(rate, i, n + j, load(w.v, i, first + j))
 
@@ -149,24 +149,24 @@ def shift_forces(w, i, forced, coupled):
 
     Deflections and forces of seats are set.
     """
-    first, n = w.q.shape[1] - w.shape[4], w.k.shape[1]
+    first, n = w.q.shape[1] - w.sizes[4], w.k.shape[1]
     for t in range(w.shifts.shape[0]):
         j, a = w.shifts[t, 0], w.shifts[t, 1]
         shift = load(w.constants, shift_row(w, coupled, j), a)
         x, v = shift * load(w.q, i, first + j), shift * load(w.v, i, first + j)
         if forced:
             store(w.x, i, a, load(w.x, i, a) + x)
-        store(w.f, i, a, fma(absolute(load(w.mesh, CONTACT, a)), x, load(w.f, i, a)))
-        store(w.force, 0, a, fma(load(w.mesh, DAMP, a), v, load(w.force, 0, a)))
-    for j in range(w.shape[4]):
+        store(w.f, i, a, fma(absolute(load(w.mesh_state, CONTACT, a)), x, load(w.f, i, a)))
+        store(w.force, 0, a, fma(load(w.mesh_state, DAMP, a), v, load(w.force, 0, a)))
+    for j in range(w.sizes[4]):
         a = n + j
-        x, contact = load(w.q, i, first + j), load(w.mesh, CONTACT, a)
+        x, contact = load(w.q, i, first + j), load(w.mesh_state, CONTACT, a)
         if forced:
             store(w.x, i, a, x)
         f = absolute(contact) * x
         if forced and i == 0:
             f = f - contact * load(w.constants, law_row(w) + HALF, a)
-        damper = load(w.v, i, first + j) * load(w.mesh, DAMP, a)
+        damper = load(w.v, i, first + j) * load(w.mesh_state, DAMP, a)
         store(w.force, 0, a, fma(load(w.constants, law_row(w) + STIFF, a), f, damper))
 
 
@@ -187,10 +187,11 @@ def know_signs(w):
     n, t_all = w.k.shape[1], w.pairs.shape[0]
     for r in range(w.rubs.size):
         a = w.rubs[r]
-        sign = load(w.mesh, SIGN, a)
+        sign = load(w.mesh_state, SIGN, a)
         first = choose(load(w.forces, 0, a) < 0.0, -1.0, 1.0)
-        store(w.mesh, SIGN, a, choose(sign == 0.0, first, sign))
-    start, side, turn = load(w.lane, START, 0), load(w.lane, SIDE, 0), load(w.lane, TURN, 0)
+        store(w.mesh_state, SIGN, a, choose(sign == 0.0, first, sign))
+    start, side = load(w.progress, PITCH_START, 0), load(w.progress, PITCH_SIDE, 0)
+    interval_cycles = load(w.progress, INTERVAL_CYCLES, 0)
     for apart in range(2 if w.y.shape[0] > 2 else 1):
         coupled = apart == 0
         for t in range(t_all):
@@ -198,11 +199,11 @@ def know_signs(w):
             now = load(w.constants, push_row(w, coupled, 0, k), a)
             later = 0.0
             if a < n and w.rubs.size > 0:
-                g = side * load(w.mesh, SIGN, a)
+                g = side * load(w.mesh_state, SIGN, a)
                 lever = load(w.constants, push_row(w, coupled, 2, k), a)
                 rub = fma(start, lever, load(w.constants, push_row(w, coupled, 1, k), a))
                 now = fma(g, rub, now)
-                later = g * turn * lever
+                later = g * interval_cycles * lever
             store(w.mix, 2 * apart * t_all + t, 0, now)
             store(w.mix, (2 * apart + 1) * t_all + t, 0, later)
 
@@ -226,14 +227,14 @@ def push_pairs(w, i, coupled):
 
 
 @inlined
-def turn_signs(w):
+def reverse_signs(w):
     """Reverse the signs of the forces that change sign at the end of their lane's move."""
-    move = load(w.lane, MOVE, 0)
+    move = load(w.progress, MOVE, 0)
     for r in range(w.rubs.size):
         a = w.rubs[r]
-        sign = load(w.mesh, SIGN, a)
-        here = (load(w.mesh, AT_SIGN, a) == move) & (move < 1.0)
-        store(w.mesh, SIGN, a, choose(here, 0.0 - sign, sign))
+        sign = load(w.mesh_state, SIGN, a)
+        here = (load(w.mesh_state, AT_SIGN, a) == move) & (move < 1.0)
+        store(w.mesh_state, SIGN, a, choose(here, 0.0 - sign, sign))
 
 
 @inlined
@@ -241,9 +242,9 @@ def set_jump(w, a, old, new):
     """Set JUMP, the jump of a force at a change of contact over the rate of x, and its SIGN."""
     share = load(w.constants, DAMPING, a) - load(w.constants, law_row(w) + OPEN, a)
     jump = share * (absolute(new) - absolute(old))
-    store(w.mesh, JUMP, a, jump)
+    store(w.mesh_state, JUMP, a, jump)
     jumps = without_zero(jump)
-    store(w.mesh, SIGN, a, choose(jumps, new - old, load(w.mesh, SIGN, a)))
+    store(w.mesh_state, SIGN, a, choose(jumps, new - old, load(w.mesh_state, SIGN, a)))
 
 
 @inlined
@@ -253,25 +254,29 @@ def without_zero(a):
 
 
 @called
-def jump_tangents(shape, w):
+def jump_tangents(unrolled, w):
     """Apply the saltation matrix to tangent vectors where a mesh force jumps at a move's end."""
     for row in range(1, w.y.shape[0]):
-        jump_rows(shape, w, w.y, row, row == 1 or len(shape[0]) == 2, None)
+        jump_rows(unrolled, w, w.y, row, row == 1 or len(unrolled[0]) == 2, None)
 
 
 @inlined
-def jump_rows(shape, w, y, row, coupled, moved):
+def jump_rows(unrolled, w, y, row, coupled, border_shift):
     """Apply the saltation matrix to row ``row`` of y: a neighbour jumps at another time.
 
     Args:
-        moved: None, or (rows, n_mesh) by how much a parameter moves the border of the jump.
+        border_shift: None, or (rows, n_mesh) by how much a parameter moves the border of the jump.
     """
-    sides, c, s = len(shape[0]), len(shape[1]), w.shape[4]
+    sides, c, s = len(unrolled[0]), len(unrolled[1]), w.sizes[4]
     half = sides * c
     m = sides + half
-    place = fma(load(w.lane, MOVE, 0), load(w.lane, TURN, 0), load(w.lane, START, 0))
+    pitch_cycles = fma(
+        load(w.progress, MOVE, 0),
+        load(w.progress, INTERVAL_CYCLES, 0),
+        load(w.progress, PITCH_START, 0),
+    )
     for a in range(2 * half):
-        jump = load(w.mesh, JUMP, a)
+        jump = load(w.mesh_state, JUMP, a)
         if not bits(without_zero(jump)):
             continue
         planet = a % half
@@ -283,17 +288,17 @@ def jump_rows(shape, w, y, row, coupled, moved):
                 j = w.shifts[t, 0]
                 shift = load(w.constants, shift_row(w, coupled, j), a)
                 x = fma(shift, load(y, row, 2 * m + j), x)
-        if moved is not None:
-            x = x - load(moved, row, a)
+        if border_shift is not None:
+            x = x - load(border_shift, row, a)
         force = jump * x
         for k in range(m + s + 1):
             store(w.push, 0, k, 0.0)
-        g = load(w.lane, SIDE, 0) * load(w.mesh, SIGN, a)
+        g = load(w.progress, PITCH_SIDE, 0) * load(w.mesh_state, SIGN, a)
         for t in range(w.pairs.shape[0]):
             if w.pairs[t, 1] == a:
                 k = w.pairs[t, 0]
                 lever = load(w.constants, push_row(w, coupled, 2, k), a)
-                rub = fma(place, lever, load(w.constants, push_row(w, coupled, 1, k), a))
+                rub = fma(pitch_cycles, lever, load(w.constants, push_row(w, coupled, 1, k), a))
                 share = fma(g, rub, load(w.constants, push_row(w, coupled, 0, k), a))
                 store(w.push, 0, k, share * force)
         own = force * load(w.constants, PLANET, planet)
@@ -319,11 +324,11 @@ def jump_rows(shape, w, y, row, coupled, moved):
 
 @inlined
 def ends(w, series, a, end_row, slope_row):
-    """Write value and slope of column a of a series at the interval's end into ``w.mesh``."""
+    """Write value and slope of column a of a series at the interval's end to ``w.mesh_state``."""
     end, slope = 0.0, 0.0
     for i in range(series.shape[0] - 1, 0, -1):
         x = load(series, i, a)
         end = end + x
         slope = fma(float(i), x, slope)
-    store(w.mesh, end_row, a, end + load(series, 0, a))
-    store(w.mesh, slope_row, a, slope)
+    store(w.mesh_state, end_row, a, end + load(series, 0, a))
+    store(w.mesh_state, slope_row, a, slope)

@@ -8,12 +8,14 @@ of the interval. Common arguments of the compiled functions:
 
 - ``w``: ``Work``; ``i``: an order; ``a``, ``m``: a column, of a mesh or, behind the meshes, of a
   seat (the spring of a coordinate that effects add, see ``core.packed``); ``lane``: one lane.
-- ``shape``: tuples of zeros, as many as sides, as classes, and one if a gear is not plain. Their
-  lengths are part of their type: loops are unrolled, and plain gears compile without the rest.
+- ``unrolled``: tuples of zeros, as many as sides, as classes, and one if a gear is not plain.
+  Their lengths are part of their type: loops are unrolled, and plain gears compile without the
+  rest.
 - ``forced``: True for the state; tangent vectors are without errors, borders and loads.
 - ``coupled``: False for tangent vectors that are antisymmetric in left and right.
 - ``controlled``: whether any gear has control or added torques; ``inverse``: 1 / i at index i.
-- ``near``: None, or the derivatives by parameters to integrate too, see ``columns.Near``.
+- ``neighbours``: None, or the derivatives by parameters to integrate too, see
+  ``columns.Neighbours``.
 
 Over 300 lines: the rows of the arrays stand beside the functions that fill them.
 """
@@ -40,29 +42,32 @@ CONTROL_ORDER, CONTROL_PHASE, OMEGA, STEP = 11, 12, 13, 14
 HARMONICS = 15  # then ORDER, K_COS, K_SIN, E_COS, E_SIN of each harmonic
 ORDER, K_COS, K_SIN, E_COS, E_SIN = range(5)
 # Behind the harmonics LOAD_ORDER, LOAD_COS, LOAD_SIN of each torque, by coordinate, and then
-# PERIOD, POSITION, WIDTH, WINDOW_K, WINDOW_D of each event.
+# PERIOD, POSITION, WIDTH, EVENT_K, EVENT_D of each event.
 LOAD_ORDER, LOAD_COS, LOAD_SIN = range(3)
-PERIOD, POSITION, WIDTH, WINDOW_K, WINDOW_D = range(5)
-# Of gears that are not plain, behind all of these: the five rows of ``Packed.law`` by mesh (OTHER,
-# POWER, DEPTH are law[2:]); OPEN, the damping out of contact, and HALF, half of the play, by mesh
-# and seat; STIFF and ROUNDING of the seats, behind the meshes. Then ``own_shift``, a row for each
-# added coordinate, and ``push``, a row for each acceleration; both twice, for ``coupled`` motions
-# and for antisymmetric perturbations. Seats have DAMPING and BORDER, too.
-REFERENCE, EXPONENT, OTHER, POWER, DEPTH, OPEN, HALF, STIFF, ROUNDING = range(9)
+PERIOD, POSITION, WIDTH, EVENT_K, EVENT_D = range(5)
+# Of gears that are not plain, behind all of these: the five rows of ``Packed.law`` by mesh
+# (DAMPING_SHARE, POWER, DEPTH are law[2:]); OPEN, the damping out of contact, and HALF, half of
+# the play, by mesh and seat; STIFF and ROUNDING of the seats, behind the meshes. Then
+# ``added_shift``, a row for each added coordinate, and ``push``, a row for each acceleration; both
+# twice, for ``coupled`` motions and for antisymmetric perturbations. Seats have DAMPING and
+# BORDER, too.
+REFERENCE, EXPONENT, DAMPING_SHARE, POWER, DEPTH, OPEN, HALF, STIFF, ROUNDING = range(9)
 ROWS_OF_LAWS = 9
-ROWS_A_HARMONIC, ROWS_A_LOAD, ROWS_A_WINDOW = 5, 3, 5
+ROWS_A_HARMONIC, ROWS_A_LOAD, ROWS_AN_EVENT = 5, 3, 5
 NEVER = 1e300  # mesh cycles between the events of a model that has none
 
-# Rows of ``Work.mesh``: contact (1 drive, 0 separated, -1 back); x and its slope at the end of the
-# interval; fraction of it at which contact switches (2: not) and to which; grid steps in drive and
-# back contact; whether |f| > ``NEAR``; sign of the force; fractions at which these two switch.
+# Rows of ``Work.mesh_state``: contact (1 drive, 0 separated, -1 back); x and its slope at the end
+# of the interval; fraction of it at which contact switches (2: not) and to which; grid steps in
+# drive and back contact; whether |f| > ``LINEAR_BELOW``; sign of the force; fractions at which
+# these two switch.
 CONTACT, END, END_SLOPE, AT, NEXT, DRIVE, BACK, DEEP, SIGN, AT_DEPTH, AT_SIGN = range(11)
 DAMP, JUMP = 11, 12  # damping in the present contact; jump of the force over the rate
-# Rows of ``Work.lane``: fraction of the grid step that is done; length of the interval (tau) and
-# its fraction of the rest of the step; phase at its start; fraction of it that the move covers;
-# angle of the control at phase 0; mesh cycle; moves done in the step.
+# Rows of ``Work.progress``: fraction of the grid step that is done; length of the interval (tau)
+# and its fraction of the rest of the step; phase at its start; fraction of it that the move
+# covers; angle of the control at phase 0; mesh cycle; moves done in the step.
 DONE, LEFT, SHARE, PHASE, MOVE, ANGLE, CYCLE, SWITCHES = range(8)
-START, SIDE, TURN = 8, 9, 10  # mesh cycles from the pitch point, on which side; of the interval
+# Mesh cycles from the pitch point, and on which side of it; mesh cycles of the interval.
+PITCH_START, PITCH_SIDE, INTERVAL_CYCLES = 8, 9, 10
 
 
 class Work(NamedTuple):
@@ -85,17 +90,17 @@ class Work(NamedTuple):
     forces: Array  # (p + 1, n + s) series of the forces, of gears that are not plain
     push: Array  # (1, m + 1) one order of the accelerations by ``pairs``, last of the carrier
     mix: Array  # (4 t, 1) factors of ``pairs`` on orders i, i - 1 of a force; antisymmetric ones
-    mesh: Array  # (13, n + s) contact and its switching, see CONTACT and the other rows
-    lane: Array  # (11, 1) progress of each lane, see DONE and the other rows
-    turned: Array  # (h + l, 1) angle of each harmonic at phase 0 of the cycle
+    mesh_state: Array  # (13, n + s) contact and its switching, see CONTACT and the other rows
+    progress: Array  # (11, 1) progress of each lane, see DONE and the other rows
+    start_angles: Array  # (h + l, 1) angle of each harmonic at phase 0 of the cycle
     bump: Array  # (p + 1, 1) series of the height of an event
-    shape: Indices  # as ``Shape``
+    sizes: Indices  # as ``Sizes``
     pairs: Indices  # (t, 2) rows and columns of ``push`` that are non-zero in any gear
-    shifts: Indices  # (.., 2) rows and columns of ``own_shift``, likewise
+    shifts: Indices  # (.., 2) rows and columns of ``added_shift``, likewise
     rubs: Indices  # (r,) meshes with friction in any gear
-    own: NonlinearWork
+    nonlinear: NonlinearWork
     value: Indices  # (LANES,) number of the model in each lane, -1 for none
-    place: Indices  # (LANES,) grid step within the cycle
+    step_index: Indices  # (LANES,) grid step within the cycle
     cycle: Indices  # (LANES,) cycles done
     steps: Indices  # (LANES,) grid steps per cycle
 
@@ -113,18 +118,18 @@ class NonlinearWork(NamedTuple):
     damper_power: Array  # (p + 1, n) series of |f| to the exponent of the damping's law
     spring: Array  # (p + 1, n) series of the spring's part of the force over k
     damper: Array  # (p + 1, n) series of the factor on c v
-    soft: Array  # (p + 1, n) series of the derivative of the mesh force by the deflection
-    damp: Array  # (p + 1, n) series of the derivative of the mesh force by the rate
+    stiffness_by_x: Array  # (p + 1, n) series of the derivative of the mesh force by x
+    damping_by_v: Array  # (p + 1, n) series of the derivative of the mesh force by its rate
     factor: Array  # (4, n) on f and c v where the law is replaced by a linear one; on the powers
-    give: Array  # (p + 1, s) series of the derivative of the seats' forces by the deflection
+    seat_stiffness: Array  # (p + 1, s) series of the derivative of the seats' forces by x
     corner: Array  # (6 (p + 1), s) series of both rounded corners of the play of seats
-    other: Array  # (p + 1, n) series of ``spring_power`` or ``damper_power`` over |f|
+    power_over_depth: Array  # (p + 1, n) series of ``spring_power`` or ``damper_power`` over |f|
     met: Array  # (1, n) stiffness k at the end of a move
 
 
 def make_work(
     table: Array,
-    shape: Shape,
+    sizes: Sizes,
     n_mesh: int,
     sides: int,
     order: int,
@@ -135,13 +140,13 @@ def make_work(
 
     Args:
         table: (n, rows, entries) of ``constants``.
-        shape: sizes, from ``shape_of``.
+        sizes: from ``sizes_of``.
         n_mesh, sides: meshes and halves that are integrated.
         lanes: last axis of all arrays; ``()`` for one orbit.
     """
-    p, n_all, n_row = order + 1, sides + n_mesh // 2 + shape.own, n_mesh + shape.own
-    q = p if shape.powers else 0
-    pairs, shifts, rubs = _what_acts(table, shape, n_all, n_row)
+    p, n_all, n_row = order + 1, sides + n_mesh // 2 + sizes.added, n_mesh + sizes.added
+    q = p if sizes.powers else 0
+    pairs, shifts, rubs = _what_acts(table, sizes, n_all, n_row)
 
     def zeros(*shape: int) -> Array:
         return np.zeros((*shape, *lanes))
@@ -161,94 +166,94 @@ def make_work(
         forces=zeros(p, n_row),
         push=zeros(1, n_all + 1),
         mix=zeros(4 * len(pairs), 1),
-        mesh=zeros(13, n_row),
-        lane=zeros(11, 1),
-        turned=zeros(shape.harmonics + shape.loads, 1),
+        mesh_state=zeros(13, n_row),
+        progress=zeros(11, 1),
+        start_angles=zeros(sizes.harmonics + sizes.loads, 1),
         bump=zeros(p, 1),
-        shape=np.array(shape, dtype=np.int64),
+        sizes=np.array(sizes, dtype=np.int64),
         pairs=pairs,
         shifts=shifts,
         rubs=rubs,
-        own=NonlinearWork(
+        nonlinear=NonlinearWork(
             rate=zeros(q, n_row),
             depth=zeros(q, n_mesh),
             spring_power=zeros(q, n_mesh),
             damper_power=zeros(q, n_mesh),
             spring=zeros(q, n_mesh),
             damper=zeros(q, n_mesh),
-            soft=zeros(q, n_mesh),
-            damp=zeros(q, n_mesh),
+            stiffness_by_x=zeros(q, n_mesh),
+            damping_by_v=zeros(q, n_mesh),
             factor=zeros(4, n_mesh),
-            give=zeros(q, shape.own),
-            corner=zeros(6 * q, shape.own),
-            other=zeros(q, n_mesh),
+            seat_stiffness=zeros(q, sizes.added),
+            corner=zeros(6 * q, sizes.added),
+            power_over_depth=zeros(q, n_mesh),
             met=zeros(1, n_mesh),
         ),
         value=np.full(lanes or 1, -1),
-        place=np.zeros(lanes or 1, dtype=np.int64),
+        step_index=np.zeros(lanes or 1, dtype=np.int64),
         cycle=np.zeros(lanes or 1, dtype=np.int64),
         steps=np.ones(lanes or 1, dtype=np.int64),
     )
 
 
-class Shape(NamedTuple):
+class Sizes(NamedTuple):
     """Largest number of harmonics, torques, events ... that any gear of a batch has."""
 
     harmonics: int
     loads: int  # harmonics of added torques
-    windows: int  # events
+    events: int
     powers: int  # 1 if any gear has powers
-    own: int  # added coordinates that are integrated, the same number in every gear
+    added: int  # added coordinates that are integrated, the same number in every gear
     extended: int  # 1 if any gear is not plain
 
 
-def shape_of(models: Sequence[Model], own: int) -> Shape:
-    """Return the shape that holds all models, with ``own`` added coordinates integrated."""
+def sizes_of(models: Sequence[Model], added: int) -> Sizes:
+    """Return the sizes that hold all models, with ``added`` added coordinates integrated."""
     gears = [model.packed for model in models]
-    return Shape(
+    return Sizes(
         max(len(p.orders) for p in gears),
         max(len(p.load_orders) for p in gears),
-        max(len(p.windows) for p in gears),
+        max(len(p.events) for p in gears),
         int(any(p.powers for p in gears)),
-        own,
+        added,
         int(any(not p.plain for p in gears)),
     )
 
 
-def constants(models: Sequence[Model], sides: int, shape: Shape) -> Array:
+def constants(models: Sequence[Model], sides: int, sizes: Sizes) -> Array:
     """Return the constants (n_models, rows, entries) of models of one layout, of one half or both.
 
     The meaning of the rows is at the top of this module; a row has an entry for each mesh and
     seat, or for each coordinate.
     """
-    loads = HARMONICS + ROWS_A_HARMONIC * shape.harmonics
-    windows = loads + ROWS_A_LOAD * shape.loads
-    laws = windows + ROWS_A_WINDOW * shape.windows
-    n_all = (models[0].layout.n_coordinate - 2) // 2 * sides + sides + shape.own
-    rows_of_laws = ROWS_OF_LAWS + 2 * shape.own + 6 * (n_all + 1)
+    loads = HARMONICS + ROWS_A_HARMONIC * sizes.harmonics
+    events = loads + ROWS_A_LOAD * sizes.loads
+    laws = events + ROWS_AN_EVENT * sizes.events
+    n_all = (models[0].layout.n_coordinate - 2) // 2 * sides + sides + sizes.added
+    rows_of_laws = ROWS_OF_LAWS + 2 * sizes.added + 6 * (n_all + 1)
     n = models[0].layout.n_mesh // 2 * sides
-    rows = laws + shape.extended * rows_of_laws
-    table = np.zeros((len(models), rows, max(n + shape.own, n_all)))
+    rows = laws + sizes.extended * rows_of_laws
+    table = np.zeros((len(models), rows, max(n + sizes.added, n_all)))
     for i, model in enumerate(models):
         _fill(table[i, :, :n], model, sides)
-        _fill_loads(table[i, loads:windows], model, sides)
-        _fill_windows(table[i, windows:laws, :n], model, sides)
-        if shape.extended:
+        _fill_loads(table[i, loads:events], model, sides)
+        _fill_events(table[i, events:laws, :n], model, sides)
+        if sizes.extended:
             _fill_laws(table[i], laws, model, sides)
     return table
 
 
 def _what_acts(
-    table: Array, shape: Shape, n_all: int, n_row: int
+    table: Array, sizes: Sizes, n_all: int, n_row: int
 ) -> tuple[Indices, Indices, Indices]:
     """Return ``pairs``, ``shifts`` and ``rubs`` of ``Work`` for a table of constants."""
     none = np.zeros((0, 2), dtype=np.int64)
-    if not shape.extended:
+    if not sizes.extended:
         return none, none, none[:, 0]
     acts: NDArray[np.bool_] = np.any(table[:, :, :n_row] != 0.0, axis=0)
     first = len(acts) - 6 * (n_all + 1)
     push: NDArray[np.bool_] = np.any(acts[first:].reshape(2, 3, n_all + 1, n_row), axis=0)
-    shift = acts[first - 2 * shape.own : first].reshape(2, shape.own, n_row).any(axis=0)
+    shift = acts[first - 2 * sizes.added : first].reshape(2, sizes.added, n_row).any(axis=0)
     pairs, shifts = np.argwhere(push.any(axis=0)), np.argwhere(shift)
     rubs = np.flatnonzero(push[1:].any(axis=(0, 1)))
     return np.ascontiguousarray(pairs), np.ascontiguousarray(shifts), rubs
@@ -284,7 +289,7 @@ def _meshes(model: Model, sides: int) -> Indices:
 
 def _fill_loads(rows: Array, model: Model, sides: int) -> None:
     p, c = model.packed, model.layout.n_classes
-    m, added = model.layout.n_coordinate, chosen_own(model, sides)
+    m, added = model.layout.n_coordinate, integrated_added(model, sides)
     chosen = np.concatenate([np.arange(sides), 2 + np.arange(sides * c), m + added])
     for j, order in enumerate(p.load_orders):
         harmonic = rows[ROWS_A_LOAD * j :]
@@ -293,21 +298,21 @@ def _fill_loads(rows: Array, model: Model, sides: int) -> None:
         harmonic[LOAD_SIN, : len(chosen)] = p.load_sin[j, chosen]
 
 
-def _fill_windows(rows: Array, model: Model, sides: int) -> None:
-    rows[PERIOD::ROWS_A_WINDOW] = NEVER
+def _fill_events(rows: Array, model: Model, sides: int) -> None:
+    rows[PERIOD::ROWS_AN_EVENT] = NEVER
     p, meshes = model.packed, _meshes(model, sides)
-    for j, window in enumerate(p.windows):
-        window_rows = rows[ROWS_A_WINDOW * j :]
-        window_rows[PERIOD], window_rows[POSITION], window_rows[WIDTH] = window
-        window_rows[WINDOW_K], window_rows[WINDOW_D] = p.window_k[j, meshes], p.window_d[j, meshes]
+    for j, event in enumerate(p.events):
+        event_rows = rows[ROWS_AN_EVENT * j :]
+        event_rows[PERIOD], event_rows[POSITION], event_rows[WIDTH] = event
+        event_rows[EVENT_K], event_rows[EVENT_D] = p.event_k[j, meshes], p.event_d[j, meshes]
 
 
 def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
-    """Write laws, ``own_shift`` and ``push`` from row ``laws`` on; DAMPING and BORDER of seats."""
+    """Write laws, ``added_shift``, ``push`` from row ``laws`` on; DAMPING and BORDER of seats."""
     p, c, m = model.packed, model.layout.n_classes, model.layout.n_coordinate
-    own, meshes = chosen_own(model, sides), _meshes(model, sides)
-    s, n = len(own), len(meshes)
-    seat, behind = p.seat[own], slice(n, n + s)
+    added, meshes = integrated_added(model, sides), _meshes(model, sides)
+    s, n = len(added), len(meshes)
+    seat, behind = p.seat[added], slice(n, n + s)
     rows[DAMPING, behind] = seat[:, 1]
     rows[BORDER, behind] = np.where((seat[:, 2] > 0.0) & (seat[:, 3] == 0.0), seat[:, 2], -NEVER)
     law = rows[laws:]
@@ -316,42 +321,43 @@ def _fill_laws(rows: Array, laws: int, model: Model, sides: int) -> None:
     law[OPEN, behind], law[HALF, behind] = seat[:, 1], seat[:, 2]
     law[HALF, :n] = p.b[meshes]
     law[STIFF, behind], law[ROUNDING, behind] = seat[:, 0], seat[:, 3]
-    to = np.concatenate([np.arange(sides), 2 + np.arange(sides * c), m + own, [m + len(p.seat)]])
-    sources = np.concatenate([meshes, 4 * c + own])
+    to = np.concatenate([np.arange(sides), 2 + np.arange(sides * c), m + added, [m + len(p.seat)]])
+    sources = np.concatenate([meshes, 4 * c + added])
     shifts = law[ROWS_OF_LAWS : ROWS_OF_LAWS + 2 * s, :n].reshape(2, s, n)
     pushes = law[ROWS_OF_LAWS + 2 * s :, : n + s].reshape(2, 3, len(to), n + s)
-    shifts[:], pushes[:] = p.own_shift[own][:, meshes], p.push[:, to][:, :, sources]
+    shifts[:], pushes[:] = p.added_shift[added][:, meshes], p.push[:, to][:, :, sources]
     if sides == 1:  # the other half moves with this one, or against it
-        mirror, twins = np.arange(4 * c).reshape(2, 2, c)[:, ::-1].ravel(), own_mirror(model)[own]
-        other_shift = p.own_shift[twins][:, meshes]
+        mirror = np.arange(4 * c).reshape(2, 2, c)[:, ::-1].ravel()
+        twins = added_mirror(model)[added]
+        other_shift = p.added_shift[twins][:, meshes]
         other_push = p.push[:, to][:, :, np.concatenate([mirror[meshes], 4 * c + twins])]
-        here = np.concatenate([np.ones(n), twins != own])  # a coordinate of both halves: once
+        here = np.concatenate([np.ones(n), twins != added])  # a coordinate of both halves: once
         shifts[0] += here[n:, None] * other_shift
         pushes[0] += here * other_push
         shifts[1] -= other_shift
         pushes[1] -= other_push
 
 
-def own_mirror(model: Model) -> Indices:
+def added_mirror(model: Model) -> Indices:
     """Return the index (s,) of the added coordinate that is the mirror image of each.
 
     A coordinate of both halves is its own image; so is one without an image, which
     ``mirror.has_equal_halves`` detects.
     """
     p, c = model.packed, model.layout.n_classes
-    mirrored = p.own_shift.reshape(-1, 2, 2, c)[:, :, ::-1].reshape(-1, 4 * c)
+    mirrored = p.added_shift.reshape(-1, 2, 2, c)[:, :, ::-1].reshape(-1, 4 * c)
     images = np.arange(len(p.seat))
     for j in images:
-        same = (p.own_shift == mirrored[j]).all(axis=1) & (p.seat == p.seat[j]).all(axis=1)
+        same = (p.added_shift == mirrored[j]).all(axis=1) & (p.seat == p.seat[j]).all(axis=1)
         if same.any():
             images[j] = np.flatnonzero(same)[0]
     return images
 
 
-def chosen_own(model: Model, sides: int) -> Indices:
+def integrated_added(model: Model, sides: int) -> Indices:
     """Return the indices of the added coordinates that are integrated.
 
     With ``sides`` 2 all; with 1 the first of each two mirror images.
     """
-    every = np.arange(model.n_own)
-    return every if sides == 2 else every[every <= own_mirror(model)]
+    every = np.arange(model.n_added_coordinates)
+    return every if sides == 2 else every[every <= added_mirror(model)]

@@ -6,7 +6,7 @@ from herringbone_sim.core.lanes.packed import (
     HARMONICS,
     ROWS_A_HARMONIC,
     ROWS_A_LOAD,
-    ROWS_A_WINDOW,
+    ROWS_AN_EVENT,
 )
 from herringbone_sim.core.packed import inlined
 
@@ -14,10 +14,10 @@ from herringbone_sim.core.packed import inlined
 @inlined
 def load_row(w, j):
     """Return the first row of the constants of torque j."""
-    return HARMONICS + ROWS_A_HARMONIC * w.shape[0] + ROWS_A_LOAD * j
+    return HARMONICS + ROWS_A_HARMONIC * w.sizes[0] + ROWS_A_LOAD * j
 
 
 @inlined
-def window_row(w, j):
+def event_row(w, j):
     """Return the first row of the constants of event j."""
-    return load_row(w, w.shape[1]) + ROWS_A_WINDOW * j
+    return load_row(w, w.sizes[1]) + ROWS_AN_EVENT * j

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_moves import move_any
+from herringbone_sim.core.lanes.any_moves import move_nonlinear
 from herringbone_sim.core.lanes.columns import (
     jump_columns,
     move_columns,
@@ -46,7 +46,7 @@ from herringbone_sim.core.lanes.packed import (
     WIDTH,
     Indices,
 )
-from herringbone_sim.core.lanes.rows import load_row, window_row
+from herringbone_sim.core.lanes.rows import event_row, load_row
 from herringbone_sim.core.lanes.series import (
     cycles_from_event,
     expand_excitation,
@@ -91,20 +91,20 @@ def begin_steps(w, index, steps):
 
     It ends with the grid step, or at the next edge of an event.
     """
-    for lane in range(n_lanes(w.lane)):
+    for lane in range(n_lanes(w.progress)):
         put(
-            w.lane,
+            w.progress,
             PHASE,
             0,
             lane,
-            TWO_PI * (index[lane] + get(w.lane, DONE, 0, lane)) / steps[lane],
+            TWO_PI * (index[lane] + get(w.progress, DONE, 0, lane)) / steps[lane],
         )
-    left = load(w.constants, STEP, 0) * (1.0 - load(w.lane, DONE, 0))
+    left = load(w.constants, STEP, 0) * (1.0 - load(w.progress, DONE, 0))
     part = left
-    for j in range(w.shape[2]):
-        part = least(part, time_to_edge(w, window_row(w, j)))
-    store(w.lane, LEFT, 0, part)
-    store(w.lane, SHARE, 0, part / left)
+    for j in range(w.sizes[2]):
+        part = least(part, time_to_edge(w, event_row(w, j)))
+    store(w.progress, LEFT, 0, part)
+    store(w.progress, SHARE, 0, part / left)
 
 
 @inlined
@@ -135,8 +135,8 @@ def take_value(w, lane, value, table, starts):
     for t in range(starts.shape[1]):
         for j in range(starts.shape[2]):
             put(w.y, t, j, lane, starts[value, t, j])
-    put(w.lane, DONE, 0, lane, 0.0)
-    put(w.lane, SWITCHES, 0, lane, 0.0)
+    put(w.progress, DONE, 0, lane, 0.0)
+    put(w.progress, SWITCHES, 0, lane, 0.0)
 
 
 @called
@@ -157,7 +157,7 @@ def out_of_range(w, lane):
     """Whether a deflection of a lane exceeds ``LIMIT``, or its state is not finite."""
     largest = 0.0
     for m in range(w.x.shape[1]):
-        size = abs(get(w.mesh, END, m, lane))
+        size = abs(get(w.mesh_state, END, m, lane))
         if size > largest or np.isnan(size):
             largest = size
     for j in range(w.y.shape[1]):
@@ -169,23 +169,23 @@ def out_of_range(w, lane):
 @inlined
 def forget(w, lane):
     """Reset the contact times of a lane to zero."""
-    for m in range(w.mesh.shape[1]):
-        put(w.mesh, DRIVE, m, lane, 0.0)
-        put(w.mesh, BACK, m, lane, 0.0)
+    for m in range(w.mesh_state.shape[1]):
+        put(w.mesh_state, DRIVE, m, lane, 0.0)
+        put(w.mesh_state, BACK, m, lane, 0.0)
 
 
 @inlined
 def begin_cycle(w, lane, now):
     """Set a lane to mesh cycle ``now``: angles of control and all harmonics at its phase 0."""
     angle = angle_of(get(w.constants, CONTROL_ORDER, 0, lane), 0.0, now)
-    put(w.lane, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
-    put(w.lane, CYCLE, 0, lane, now)
-    for j in range(w.shape[0]):
+    put(w.progress, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
+    put(w.progress, CYCLE, 0, lane, now)
+    for j in range(w.sizes[0]):
         order = get(w.constants, HARMONICS + ROWS_A_HARMONIC * j + ORDER, 0, lane)
-        put(w.turned, j, 0, lane, angle_of(order, 0.0, now))
-    for j in range(w.shape[1]):
+        put(w.start_angles, j, 0, lane, angle_of(order, 0.0, now))
+    for j in range(w.sizes[1]):
         order = get(w.constants, load_row(w, j) + LOAD_ORDER, 0, lane)
-        put(w.turned, w.shape[0] + j, 0, lane, angle_of(order, 0.0, now))
+        put(w.start_angles, w.sizes[0] + j, 0, lane, angle_of(order, 0.0, now))
 
 
 @called
@@ -217,32 +217,32 @@ def end_cycle(w, lane, cycle, before, length, results, value):
             sections[seen - first_stored, j] = get(w.y, 0, j, lane)
     if seen == cycles:
         for m in range(contact.shape[0]):
-            contact[m, 0] = get(w.mesh, BACK, m, lane)
-            contact[m, 1] = get(w.mesh, DRIVE, m, lane)
+            contact[m, 0] = get(w.mesh_state, BACK, m, lane)
+            contact[m, 1] = get(w.mesh_state, DRIVE, m, lane)
     return seen == cycles
 
 
 @embedded
-def through_lanes(move, shape, w, near, inverse, controlled, values, length, results):
+def through_lanes(move, unrolled, w, neighbours, inverse, controlled, values, length, results):
     """Integrate all values of a batch in the lanes.
 
     Args:
-        move: ``move_plain`` or ``move_any``, advances every lane by a move.
-        shape, w, near, inverse, controlled: see ``lanes.packed``.
+        move: ``move_linear`` or ``move_nonlinear``, advances every lane by a move.
+        unrolled, w, neighbours, inverse, controlled: see ``lanes.packed``.
         values: see ``Values``.
         length: mesh cycles of the transient, and observed ones.
         results: see ``Results``, written in place.
     """
     table, steps, starts, before = values
     n = table.shape[0]
-    value, index, cycle = w.value, w.place, w.cycle
+    value, index, cycle = w.value, w.step_index, w.cycle
     lane_steps = w.steps
     queue = 0
     busy = 0
-    for lane in range(n_lanes(w.lane)):
+    for lane in range(n_lanes(w.progress)):
         take_value(w, lane, min(lane, n - 1), table, starts)
-        if near is not None:
-            take_columns(near, lane, min(lane, n - 1))
+        if neighbours is not None:
+            take_columns(neighbours, lane, min(lane, n - 1))
         lane_steps[lane] = steps[min(lane, n - 1)]
         if queue < n:
             value[lane] = queue
@@ -251,17 +251,17 @@ def through_lanes(move, shape, w, near, inverse, controlled, values, length, res
             end_cycle(w, lane, 0, before[lane], length, results, lane)
     while busy:
         begin_steps(w, index, lane_steps)
-        move(shape, w, near, inverse, controlled)
-        done = load(w.lane, DONE, 0)
-        part = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0)
+        move(unrolled, w, neighbours, inverse, controlled)
+        done = load(w.progress, DONE, 0)
+        part = load(w.progress, MOVE, 0) * load(w.progress, SHARE, 0)
         reached = done + part * (1.0 - done)
         nothing_left = without(reached < 1.0)  # by rounding
         whole = (part == 1.0) | nothing_left
         arrived = bits(whole)
-        switches = load(w.lane, SWITCHES, 0) + 1.0
-        store(w.lane, DONE, 0, choose(whole, 0.0, reached))
-        store(w.lane, SWITCHES, 0, choose(whole, 0.0, switches))
-        for lane in range(n_lanes(w.lane)):
+        switches = load(w.progress, SWITCHES, 0) + 1.0
+        store(w.progress, DONE, 0, choose(whole, 0.0, reached))
+        store(w.progress, SWITCHES, 0, choose(whole, 0.0, switches))
+        for lane in range(n_lanes(w.progress)):
             if not (arrived >> lane) & 1:
                 continue
             index[lane] += 1
@@ -276,15 +276,15 @@ def through_lanes(move, shape, w, near, inverse, controlled, values, length, res
             if results.failed[v] or end_cycle(w, lane, cycle[lane], before[v], length, results, v):
                 for j in range(results.end.shape[1]):
                     results.end[v, j] = get(w.y, 0, j, lane)
-                if near is not None:
-                    tell_columns(near, lane, v)
+                if neighbours is not None:
+                    tell_columns(neighbours, lane, v)
                 value[lane] = IDLE
                 busy -= 1
                 if queue < n:
                     value[lane] = queue
                     take_value(w, lane, queue, table, starts)
-                    if near is not None:
-                        take_columns(near, lane, queue)
+                    if neighbours is not None:
+                        take_columns(neighbours, lane, queue)
                     lane_steps[lane] = steps[queue]
                     cycle[lane] = 0
                     end_cycle(w, lane, 0, before[queue], length, results, queue)
@@ -293,35 +293,41 @@ def through_lanes(move, shape, w, near, inverse, controlled, values, length, res
 
 
 @inlined
-def move_plain(shape, w, near, inverse, controlled):
+def move_linear(unrolled, w, neighbours, inverse, controlled):
     """Advance every lane of gears without ``Packed.powers`` by a move, see ``lanes.packed``."""
-    if len(shape[2]) > 0:
+    if len(unrolled[2]) > 0:
         stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
-    touch(shape, w)
-    expand_motion(shape, w, 0, True, True, controlled, inverse)
+    touch(unrolled, w)
+    expand_motion(unrolled, w, 0, True, True, controlled, inverse)
     find_moves(w)
-    if near is not None:
-        move_columns(shape, w, near, inverse, controlled)
-    take_state(shape, w, 0)
+    if neighbours is not None:
+        move_columns(unrolled, w, neighbours, inverse, controlled)
+    take_state(unrolled, w, 0)
     for row in range(1, w.y.shape[0]):
-        expand_motion(shape, w, row, False, row == 1 or len(shape[0]) == 2, controlled, inverse)
-        take_state(shape, w, row)
+        expand_motion(
+            unrolled, w, row, False, row == 1 or len(unrolled[0]) == 2, controlled, inverse
+        )
+        take_state(unrolled, w, row)
     count_contact(w)
-    if switch_contact(shape, w) and len(shape[2]) > 0:
-        jump_tangents(shape, w)
-        if near is not None:
-            jump_columns(shape, w, near)
+    if switch_contact(unrolled, w) and len(unrolled[2]) > 0:
+        jump_tangents(unrolled, w)
+        if neighbours is not None:
+            jump_columns(unrolled, w, neighbours)
 
 
 # A function for each kind of gear: only those that are used are compiled.
 @compiled
-def run_lanes(shape, w, near, inverse, controlled, values, length, results):
+def run_linear_lanes(unrolled, w, neighbours, inverse, controlled, values, length, results):
     """``through_lanes`` for gears whose forces are linear between switches."""
-    through_lanes(move_plain, shape, w, near, inverse, controlled, values, length, results)
+    through_lanes(
+        move_linear, unrolled, w, neighbours, inverse, controlled, values, length, results
+    )
 
 
 @compiled
-def run_any_lanes(shape, w, near, inverse, controlled, values, length, results):
+def run_nonlinear_lanes(unrolled, w, neighbours, inverse, controlled, values, length, results):
     """``through_lanes`` for gears whose forces are nonlinear between switches."""
-    through_lanes(move_any, shape, w, near, inverse, controlled, values, length, results)
+    through_lanes(
+        move_nonlinear, unrolled, w, neighbours, inverse, controlled, values, length, results
+    )

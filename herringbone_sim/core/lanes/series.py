@@ -2,7 +2,8 @@
 
 Between two switches of contact the model is linear with periodic coefficients, so the series
 follows from a short recurrence: the stiffness series times the deflection series (a Cauchy product
-per mesh), then Newton's law. Arguments: see ``lanes.packed``; ``turn`` is an angle per interval.
+per mesh), then Newton's law. Arguments: see ``lanes.packed``; ``interval_angle`` is that of
+a harmonic per interval.
 
 Over 300 lines: the series of the excitation and of the motion are one recurrence.
 """
@@ -28,6 +29,8 @@ from herringbone_sim.core.lanes.packed import (
     E_COS,
     E_MEAN,
     E_SIN,
+    EVENT_D,
+    EVENT_K,
     HARMONICS,
     K_COS,
     K_SIN,
@@ -48,10 +51,8 @@ from herringbone_sim.core.lanes.packed import (
     STIFFNESS,
     SUN,
     WIDTH,
-    WINDOW_D,
-    WINDOW_K,
 )
-from herringbone_sim.core.lanes.rows import load_row, window_row
+from herringbone_sim.core.lanes.rows import event_row, load_row
 from herringbone_sim.core.lanes.vector import (
     absolute,
     bits,
@@ -96,19 +97,20 @@ def sine_cosine(angle):
 
 
 @inlined
-def expand_scale(w, turn, inverse):
-    """Write the coefficients turn^i / i! into ``w.scale``."""
+def expand_scale(w, interval_angle, inverse):
+    """Write the coefficients interval_angle^i / i! into ``w.scale``."""
     scale = 1.0
     for i in range(w.scale.shape[0]):
         store(w.scale, i, 0, scale)
-        scale = scale * turn * inverse[i + 1]
+        scale = scale * interval_angle * inverse[i + 1]
 
 
 @inlined
 def add_harmonic(w, out, m, cosine, sine, fresh):
-    """Add the series of cosine cos(turn s) + sine sin(turn s) to column m of ``out``.
+    """Add the series of cosine cos(A s) + sine sin(A s) to column m of ``out``.
 
-    ``w.scale`` is that of ``turn``. If ``fresh``, ``out`` holds nothing above order 0.
+    ``w.scale`` is that of the angle A per interval. If ``fresh``, ``out`` holds nothing above
+    order 0.
     """
     for i in range(out.shape[0]):
         scale = load(w.scale, i, 0)
@@ -126,55 +128,57 @@ def expand_excitation(w, inverse, controlled):
     for m in range(n):
         store(w.k, 0, m, load(w.constants, STIFFNESS, m))
         store(w.error, 0, m, load(w.constants, E_MEAN, m))
-    turn = load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
-    for j in range(w.shape[0]):
+    interval_angle = load(w.constants, OMEGA, 0) * load(w.progress, LEFT, 0)
+    for j in range(w.sizes[0]):
         row = HARMONICS + ROWS_A_HARMONIC * j
         order = load(w.constants, row + ORDER, 0)
-        sine, cosine = sine_cosine(fma(order, load(w.lane, PHASE, 0), load(w.turned, j, 0)))
-        expand_scale(w, turn * order, inverse)
+        sine, cosine = sine_cosine(
+            fma(order, load(w.progress, PHASE, 0), load(w.start_angles, j, 0))
+        )
+        expand_scale(w, interval_angle * order, inverse)
         for m in range(n):
             a, b = load(w.constants, row + K_COS, m), load(w.constants, row + K_SIN, m)
             c, d = load(w.constants, row + E_COS, m), load(w.constants, row + E_SIN, m)
             add_harmonic(w, w.k, m, a * cosine + b * sine, b * cosine - a * sine, j == 0)
             add_harmonic(w, w.error, m, c * cosine + d * sine, d * cosine - c * sine, j == 0)
-    for j in range(w.shape[2]):
-        expand_window(w, window_row(w, j), turn, inverse)
+    for j in range(w.sizes[2]):
+        expand_event(w, event_row(w, j), interval_angle, inverse)
     if controlled:
         expand_control(w, inverse)
-        for j in range(w.shape[1]):
-            expand_load(w, j, turn, inverse)
+        for j in range(w.sizes[1]):
+            expand_load(w, j, interval_angle, inverse)
 
 
 @inlined
 def cycles_from_event(w, row):
     """Return the mesh cycles since the middle of the nearest event, negative before it."""
     period = load(w.constants, row + PERIOD, 0)
-    s = fma(load(w.lane, PHASE, 0), (1.0 / TWO_PI), load(w.lane, CYCLE, 0))
+    s = fma(load(w.progress, PHASE, 0), (1.0 / TWO_PI), load(w.progress, CYCLE, 0))
     s = s - load(w.constants, row + POSITION, 0)
     return s - period * nearest(s / period)
 
 
 @called
-def expand_window(w, row, turn, inverse):
+def expand_event(w, row, interval_angle, inverse):
     """Apply an event to the series of k and e in the lanes whose interval lies in it."""
     width = load(w.constants, row + WIDTH, 0)
     s = cycles_from_event(w, row)
-    middle = fma(turn, (0.5 / TWO_PI), s)
+    middle = fma(interval_angle, (0.5 / TWO_PI), s)
     inside = absolute(middle) < width * 0.5
     if not bits(inside):
         return
     width = choose(inside, width, 1.0)
     height = choose(inside, 0.5, 0.0)
     sine, cosine = sine_cosine(choose(inside, s, 0.0) * TWO_PI / width)
-    expand_scale(w, turn / width, inverse)
+    expand_scale(w, interval_angle / width, inverse)
     slope = 0.0 - sine
     for i in range(w.bump.shape[0]):
         store(w.bump, i, 0, height * load(w.scale, i, 0) * cosine)
         cosine, slope = slope, 0.0 - cosine
     store(w.bump, 0, 0, load(w.bump, 0, 0) + height)
     for m in range(w.k.shape[1]):
-        share = load(w.constants, row + WINDOW_K, m)
-        displacement = load(w.constants, row + WINDOW_D, m)
+        share = load(w.constants, row + EVENT_K, m)
+        displacement = load(w.constants, row + EVENT_D, m)
         some = bits(without(share == 0.0)) != 0
         for i in range(w.k.shape[0] - 1, -1, -1):
             if some:
@@ -187,13 +191,13 @@ def expand_window(w, row, turn, inverse):
 
 
 @called
-def expand_load(w, j, turn, inverse):
+def expand_load(w, j, interval_angle, inverse):
     """Subtract the series of the accelerations by added torque j from ``w.load``."""
     row = load_row(w, j)
     order = load(w.constants, row + LOAD_ORDER, 0)
-    angle = fma(order, load(w.lane, PHASE, 0), load(w.turned, w.shape[0] + j, 0))
+    angle = fma(order, load(w.progress, PHASE, 0), load(w.start_angles, w.sizes[0] + j, 0))
     sine, cosine = sine_cosine(angle)
-    expand_scale(w, turn * order, inverse)
+    expand_scale(w, interval_angle * order, inverse)
     for k in range(w.load.shape[1]):
         a, b = load(w.constants, row + LOAD_COS, k), load(w.constants, row + LOAD_SIN, k)
         value, slope = a * cosine + b * sine, b * cosine - a * sine
@@ -206,11 +210,11 @@ def expand_load(w, j, turn, inverse):
 def expand_control(w, inverse):
     """Write the series of K cos(order * phase + control_phase), Eq. (20), into ``w.load``."""
     order = load(w.constants, CONTROL_ORDER, 0)
-    angle = fma(order, load(w.lane, PHASE, 0), load(w.lane, ANGLE, 0))
-    turn = order * load(w.constants, OMEGA, 0) * load(w.lane, LEFT, 0)
+    angle = fma(order, load(w.progress, PHASE, 0), load(w.progress, ANGLE, 0))
+    interval_angle = order * load(w.constants, OMEGA, 0) * load(w.progress, LEFT, 0)
     sine, cosine = sine_cosine(angle)
-    expand_scale(w, turn, inverse)
-    sides = w.q.shape[1] - w.shape[4] - w.k.shape[1] // 2
+    expand_scale(w, interval_angle, inverse)
+    sides = w.q.shape[1] - w.sizes[4] - w.k.shape[1] // 2
     c = w.k.shape[1] // (2 * sides)
     slope = 0.0 - sine
     for i in range(w.load.shape[0]):
@@ -220,7 +224,7 @@ def expand_control(w, inverse):
             for k in range(c):
                 push = control * load(w.constants, CONTROL_R, side)
                 store(w.load, i, sides + side * c + k, push)
-        for k in range(w.q.shape[1] - w.shape[4], w.q.shape[1]):
+        for k in range(w.q.shape[1] - w.sizes[4], w.q.shape[1]):
             store(w.load, i, k, 0.0)
         cosine, slope = slope, 0.0 - cosine
 
@@ -241,17 +245,17 @@ def cauchy(w, i, m):
 
 
 @called
-def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
+def expand_motion(unrolled, w, row, forced, coupled, controlled, inverse):
     """Compute the series of row ``row`` of ``w.y``, state or tangent vector, over the interval.
 
     An antisymmetric perturbation leaves the carrier at rest, so its halves are not ``coupled``.
     """
-    sides, c = len(shape[0]), len(shape[1])
+    sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
     last = w.k.shape[0] - 1
-    step = load(w.lane, LEFT, 0)
-    begin_series(shape, w, row)
-    if len(shape[2]) > 0 and forced:
+    step = load(w.progress, LEFT, 0)
+    begin_series(unrolled, w, row)
+    if len(unrolled[2]) > 0 and forced:
         set_damping(w)
     per_step = 1.0 / step
     for i in range(last):
@@ -266,15 +270,15 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
                     v = v - rate * load(w.error, i + 1, a)
                     r = r - load(w.error, i, half + a)
                     dr = dr - rate * load(w.error, i + 1, half + a)
-                place_mesh(shape, w, i, a, x, v, forced)
-                place_mesh(shape, w, i, half + a, r, dr, forced)
-        if len(shape[2]) > 0:
+                place_mesh(unrolled, w, i, a, x, v, forced)
+                place_mesh(unrolled, w, i, half + a, r, dr, forced)
+        if len(unrolled[2]) > 0:
             shift_forces(w, i, forced, coupled)
         for two in range(half):
             cauchy(w, i, 2 * two)
-        if len(shape[2]) > 0:
+        if len(unrolled[2]) > 0:
             keep_forces(w, i, forced, coupled)
-        accelerate(shape, w, i, forced, coupled, controlled, step * inverse[i + 1])
+        accelerate(unrolled, w, i, forced, coupled, controlled, step * inverse[i + 1])
     if forced:
         for side in range(sides):
             for k in range(c):
@@ -282,50 +286,52 @@ def expand_motion(shape, w, row, forced, coupled, controlled, inverse):
                 r = load(w.q, last, sides + a)
                 store(w.x, last, a, load(w.q, last, side) - r - load(w.error, last, a))
                 store(w.x, last, half + a, r - load(w.error, last, half + a))
-        if len(shape[2]) > 0:
+        if len(unrolled[2]) > 0:
             shift_forces(w, last, True, coupled)
             for a in range(2 * half):
                 store(w.forces, last, a, 0.0)
 
 
 @inlined
-def begin_series(shape, w, row):
+def begin_series(unrolled, w, row):
     """Copy row ``row`` of ``w.y`` into order 0 of the series of displacements and velocities.
 
     Row 0 is the state, the others are tangent vectors; coordinates that effects add are included.
     """
-    m = len(shape[0]) * (1 + len(shape[1]))
+    m = len(unrolled[0]) * (1 + len(unrolled[1]))
     for k in range(m):
         store(w.q, 0, k, load(w.y, row, k))
         store(w.v, 0, k, load(w.y, row, m + k))
-    if len(shape[2]) > 0:
-        s = w.shape[4]
+    if len(unrolled[2]) > 0:
+        s = w.sizes[4]
         for j in range(s):
             store(w.q, 0, m + j, load(w.y, row, 2 * m + j))
             store(w.v, 0, m + j, load(w.y, row, 2 * m + s + j))
 
 
 @inlined
-def place_mesh(shape, w, i, a, x, v, forced):
+def place_mesh(unrolled, w, i, a, x, v, forced):
     """Store order i of x, f and the damping force of mesh a, from order i of x and its rate v."""
-    contact = load(w.mesh, CONTACT, a)
+    contact = load(w.mesh_state, CONTACT, a)
     f = absolute(contact) * x
     if forced:
         store(w.x, i, a, x)
         if i == 0:
             f = f - contact * load(w.constants, BORDER, a)
     store(w.f, i, a, f)
-    damping = load(w.mesh, DAMP, a) if len(shape[2]) > 0 else load(w.constants, DAMPING, a)
+    damping = (
+        load(w.mesh_state, DAMP, a) if len(unrolled[2]) > 0 else load(w.constants, DAMPING, a)
+    )
     store(w.force, 0, a, v * damping)
 
 
 @inlined
-def accelerate(shape, w, i, forced, coupled, controlled, scale):
+def accelerate(unrolled, w, i, forced, coupled, controlled, scale):
     """Compute order i + 1 of the motion from order i of all forces (Eqs. 12-14, as 18).
 
     ``scale`` is the length of the interval over i + 1.
     """
-    sides, c = len(shape[0]), len(shape[1])
+    sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
     carrier = 0.0
     if coupled:
@@ -337,29 +343,29 @@ def accelerate(shape, w, i, forced, coupled, controlled, scale):
                 all_of_side = all_of_side + (load(w.force, 0, a) + load(w.force, 0, half + a))
             total = total + all_of_side
         carrier = load(w.constants, CARRIER, 0) * total
-    if len(shape[2]) > 0:
+    if len(unrolled[2]) > 0:
         carrier = carrier + load(w.push, 0, w.q.shape[1])
     for side in range(sides):
         sun = 0.0
         for k in range(c):
             sun = sun + load(w.force, 0, side * c + k)
         q = 0.0 - (load(w.constants, SUN, side) * sun + carrier * 2.0)
-        if len(shape[2]) > 0:
+        if len(unrolled[2]) > 0:
             q = q + load(w.push, 0, side)
         advance(w, i, side, q, LOAD_Q, side, forced, controlled, scale)
         for k in range(c):
             a = side * c + k
             difference = load(w.force, 0, a) - load(w.force, 0, half + a)
             r = fma(difference, load(w.constants, PLANET, a), 0.0 - carrier)
-            if len(shape[2]) > 0:
+            if len(unrolled[2]) > 0:
                 r = r + load(w.push, 0, sides + a)
             advance(w, i, sides + a, r, LOAD_R, 0, forced, controlled, scale)
-    if len(shape[2]) > 0:
+    if len(unrolled[2]) > 0:
         for k in range(sides + half, w.q.shape[1]):
-            own = load(w.push, 0, k)
+            added = load(w.push, 0, k)
             if forced and controlled:
-                own = own - load(w.load, i, k)
-            store(w.v, i + 1, k, own * scale)
+                added = added - load(w.load, i, k)
+            store(w.v, i + 1, k, added * scale)
             store(w.q, i + 1, k, load(w.v, i, k) * scale)
 
 
@@ -379,11 +385,11 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
 
 
 @called
-def take_state(shape, w, row):
+def take_state(unrolled, w, row):
     """Evaluate the series of motion at the end of each lane's move, into a row of ``w.y``."""
-    move = load(w.lane, MOVE, 0)
-    m = len(shape[0]) * (1 + len(shape[1]))
-    s = w.shape[4] if len(shape[2]) > 0 else 0
+    move = load(w.progress, MOVE, 0)
+    m = len(unrolled[0]) * (1 + len(unrolled[1]))
+    s = w.sizes[4] if len(unrolled[2]) > 0 else 0
     last = w.q.shape[0] - 1
     for j in range(m + s):
         q, v = load(w.q, last, j), load(w.v, last, j)

@@ -6,7 +6,7 @@ positive to negative is a switch.
 
 from __future__ import annotations
 
-from herringbone_sim.core.lanes.extended import ends, set_jump, touch_all, turn_signs
+from herringbone_sim.core.lanes.extended import ends, reverse_signs, set_jump, touch_all
 from herringbone_sim.core.lanes.packed import (
     AT,
     AT_DEPTH,
@@ -69,7 +69,7 @@ def cross(series, m, sign, border, start, start_slope, stop, wanted):
     s = choose(wanted, s, 0.5)
     low, high = 0.0, 1.0
     last = series.shape[0] - 1
-    moving = wanted
+    unconverged = wanted
     for _ in range(60):
         value, ds = load(series, last, m), 0.0
         for i in range(last - 1, -1, -1):
@@ -81,9 +81,9 @@ def cross(series, m, sign, border, start, start_slope, stop, wanted):
         new = s - value / ds
         inside = without((new < low) | (new > high)) & (new == new)
         there = inside & (absolute(new - s) < CLOSE)
-        s = choose(moving, choose(inside, new, (low + high) * 0.5), s)
-        moving = moving & without(there)
-        if not bits(moving):
+        s = choose(unconverged, choose(inside, new, (low + high) * 0.5), s)
+        unconverged = unconverged & without(there)
+        if not bits(unconverged):
             break
     return s
 
@@ -102,7 +102,7 @@ def watch_mesh(w, m):
         slope = fma(float(i), x, slope)
     start, first = load(w.x, 0, m), load(w.x, 1, m)
     end = end + start
-    b, contact = load(w.constants, BORDER, m), load(w.mesh, CONTACT, m)
+    b, contact = load(w.constants, BORDER, m), load(w.mesh_state, CONTACT, m)
     zero, unit = 0.0, 1.0
     is_open = contact == zero
     up = is_open & (end > zero)
@@ -117,48 +117,48 @@ def watch_mesh(w, m):
     at = 2.0
     if bits(plain):
         at = choose(plain, cross(w.x, m, sign, border, begin, sign * first, stop, plain), at)
-    store(w.mesh, END, m, end)
-    store(w.mesh, END_SLOPE, m, slope)
-    store(w.mesh, AT, m, at)
-    store(w.mesh, NEXT, m, choose(is_open, zero - sign, zero))
-    move = load(w.lane, MOVE, 0)
-    store(w.lane, MOVE, 0, choose(at < move, at, move))
+    store(w.mesh_state, END, m, end)
+    store(w.mesh_state, END_SLOPE, m, slope)
+    store(w.mesh_state, AT, m, at)
+    store(w.mesh_state, NEXT, m, choose(is_open, zero - sign, zero))
+    move = load(w.progress, MOVE, 0)
+    store(w.progress, MOVE, 0, choose(at < move, at, move))
     return bits(seen | other) & ~bits(plain)
 
 
 @called
 def locate(x, w, m, lane):
     """Locate the switch of mesh m in one lane: AT (2: none), NEXT, and MOVE if it is the first."""
-    contact, b = get(w.mesh, CONTACT, m, lane), get(w.constants, BORDER, m, lane)
-    end, slope = get(w.mesh, END, m, lane), get(w.mesh, END_SLOPE, m, lane)
-    before = get(w.lane, MOVE, 0, lane)
-    column = m * n_lanes(w.lane) + lane
+    contact, b = get(w.mesh_state, CONTACT, m, lane), get(w.constants, BORDER, m, lane)
+    end, slope = get(w.mesh_state, END, m, lane), get(w.mesh_state, END_SLOPE, m, lane)
+    before = get(w.progress, MOVE, 0, lane)
+    column = m * n_lanes(w.progress) + lane
     if contact != 0.0:
         at = leaves_at(x, column, contact * b, contact, end, slope, before)
-        put(w.mesh, NEXT, m, lane, 0.0)
+        put(w.mesh_state, NEXT, m, lane, 0.0)
     else:
         up = leaves_at(x, column, b, -1.0, end, slope, before)
         down = leaves_at(x, column, -b, 1.0, end, slope, before)
         at = min(up, down)
-        put(w.mesh, NEXT, m, lane, 1.0 if up < down else -1.0)
-    put(w.mesh, AT, m, lane, at)
+        put(w.mesh_state, NEXT, m, lane, 1.0 if up < down else -1.0)
+    put(w.mesh_state, AT, m, lane, at)
     if at < before:
-        put(w.lane, MOVE, 0, lane, at)
+        put(w.progress, MOVE, 0, lane, at)
 
 
 @inlined
 def watch_sign(w, m):
     """Locate where the force of mesh m changes its sign, in all lanes: AT_SIGN and MOVE."""
     ends(w, w.forces, m, AT_DEPTH, AT_SIGN)
-    sign, zero = load(w.mesh, SIGN, m), 0.0
+    sign, zero = load(w.mesh_state, SIGN, m), 0.0
     begin, first = sign * load(w.forces, 0, m), sign * load(w.forces, 1, m)
-    stop, slope = sign * load(w.mesh, AT_DEPTH, m), sign * load(w.mesh, AT_SIGN, m)
+    stop, slope = sign * load(w.mesh_state, AT_DEPTH, m), sign * load(w.mesh_state, AT_SIGN, m)
     plain = (begin > zero) & (stop < zero)
     seen = may_leave(begin, first, stop, slope)
     at = 2.0
     if bits(plain):
         at = choose(plain, cross(w.forces, m, sign, zero, begin, first, stop, plain), at)
-    store(w.mesh, AT, m, at)
+    store(w.mesh_state, AT, m, at)
     left = bits(seen) & ~bits(plain)
     lane = 0
     while left:
@@ -166,23 +166,23 @@ def watch_sign(w, m):
             locate_sign(w, m, lane)
         left >>= 1
         lane += 1
-    at, move = load(w.mesh, AT, m), load(w.lane, MOVE, 0)
-    store(w.mesh, AT_SIGN, m, at)
-    store(w.lane, MOVE, 0, choose(at < move, at, move))
+    at, move = load(w.mesh_state, AT, m), load(w.progress, MOVE, 0)
+    store(w.mesh_state, AT_SIGN, m, at)
+    store(w.progress, MOVE, 0, choose(at < move, at, move))
 
 
 @called
 def locate_sign(w, m, lane):
     """Locate where the force of mesh m changes its sign in one lane (2: nowhere), into row AT."""
     forces = w.forces.reshape(w.forces.shape[0], w.forces.size // w.forces.shape[0])
-    end, slope = get(w.mesh, AT_DEPTH, m, lane), get(w.mesh, AT_SIGN, m, lane)
-    sign = get(w.mesh, SIGN, m, lane)
+    end, slope = get(w.mesh_state, AT_DEPTH, m, lane), get(w.mesh_state, AT_SIGN, m, lane)
+    sign = get(w.mesh_state, SIGN, m, lane)
     put(
-        w.mesh,
+        w.mesh_state,
         AT,
         m,
         lane,
-        leaves_at(forces, m * n_lanes(w.lane) + lane, 0.0, sign, end, slope, 2.0),
+        leaves_at(forces, m * n_lanes(w.progress) + lane, 0.0, sign, end, slope, 2.0),
     )
 
 
@@ -191,7 +191,7 @@ def find_moves(w):
     """Set MOVE: the fraction of its interval that each lane advances, 1 or up to a switch."""
     order, n = w.x.shape[0], w.x.shape[1]
     x = w.x.reshape(order, w.x.size // order)
-    store(w.lane, MOVE, 0, 1.0)
+    store(w.progress, MOVE, 0, 1.0)
     for r in range(w.rubs.size):
         watch_sign(w, w.rubs[r])
     for m in range(n):
@@ -202,40 +202,40 @@ def find_moves(w):
                 locate(x, w, m, lane)
             seen >>= 1
             lane += 1
-    stuck = load(w.lane, SWITCHES, 0) > (MAX_SUBSTEPS - 0.5)
-    store(w.lane, MOVE, 0, choose(stuck, 1.0, load(w.lane, MOVE, 0)))
+    stuck = load(w.progress, SWITCHES, 0) > (MAX_SUBSTEPS - 0.5)
+    store(w.progress, MOVE, 0, choose(stuck, 1.0, load(w.progress, MOVE, 0)))
 
 
 @inlined
-def switch_contact(shape, w):
+def switch_contact(unrolled, w):
     """Set the new contact of all meshes that switch at the end of their lane's move.
 
     Returns whether any lane's move ends at a switch.
     """
-    move = load(w.lane, MOVE, 0)
+    move = load(w.progress, MOVE, 0)
     switching = move < 1.0
     if bits(switching):
-        if len(shape[2]) > 0:
-            turn_signs(w)
+        if len(unrolled[2]) > 0:
+            reverse_signs(w)
         for m in range(w.x.shape[1]):
-            here = (load(w.mesh, AT, m) == move) & switching
-            old = load(w.mesh, CONTACT, m)
-            new = choose(here, load(w.mesh, NEXT, m), old)
-            store(w.mesh, CONTACT, m, new)
-            if len(shape[2]) > 0:
+            here = (load(w.mesh_state, AT, m) == move) & switching
+            old = load(w.mesh_state, CONTACT, m)
+            new = choose(here, load(w.mesh_state, NEXT, m), old)
+            store(w.mesh_state, CONTACT, m, new)
+            if len(unrolled[2]) > 0:
                 set_jump(w, m, old, new)
     return bits(switching) != 0
 
 
 @inlined
-def touch(shape, w):
+def touch(unrolled, w):
     """Set the contact (Eqs. 1, 4) of the states in all lanes that begin a grid step."""
-    if len(shape[2]) > 0:
-        touch_all(shape, w)
+    if len(unrolled[2]) > 0:
+        touch_all(unrolled, w)
         return
-    sides, c = len(shape[0]), len(shape[1])
+    sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
-    begins = load(w.lane, SWITCHES, 0) == 0.0
+    begins = load(w.progress, SWITCHES, 0) == 0.0
     for side in range(sides):
         for k in range(c):
             a = side * c + k
@@ -251,17 +251,19 @@ def touch_mesh(w, m, x, begins):
     b = load(w.constants, BORDER, m)
     back = choose(x < 0.0 - b, -1.0, 0.0)
     contact = choose(x > b, 1.0, back)
-    store(w.mesh, CONTACT, m, choose(begins, contact, load(w.mesh, CONTACT, m)))
+    store(w.mesh_state, CONTACT, m, choose(begins, contact, load(w.mesh_state, CONTACT, m)))
 
 
 @called
 def count_contact(w):
     """Add the time of this move, in grid steps, to the contact time of each mesh (DRIVE, BACK)."""
-    time = load(w.lane, MOVE, 0) * load(w.lane, SHARE, 0) * (1.0 - load(w.lane, DONE, 0))
+    time = (
+        load(w.progress, MOVE, 0) * load(w.progress, SHARE, 0) * (1.0 - load(w.progress, DONE, 0))
+    )
     none = 0.0
     for m in range(w.x.shape[1]):
-        contact = load(w.mesh, CONTACT, m)
+        contact = load(w.mesh_state, CONTACT, m)
         drive = choose(contact > none, time, none)
         back = choose(contact < none, time, none)
-        store(w.mesh, DRIVE, m, load(w.mesh, DRIVE, m) + drive)
-        store(w.mesh, BACK, m, load(w.mesh, BACK, m) + back)
+        store(w.mesh_state, DRIVE, m, load(w.mesh_state, DRIVE, m) + drive)
+        store(w.mesh_state, BACK, m, load(w.mesh_state, BACK, m) + back)

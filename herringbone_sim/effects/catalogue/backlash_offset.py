@@ -15,7 +15,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add the offset to b', limited to zero from below."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

@@ -26,7 +26,7 @@ from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQU
 from herringbone_sim.effects.slots import Coordinates, Slots
 
 CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
-MASK, PIN, MASS, COS_BETA, SHARE, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
+MASK, PIN, MASS, COS_BETA, MULTIPLICITY, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
@@ -69,63 +69,67 @@ def hold(theta, mass, w, rate):
 
 
 @law
-def carrier_acceleration(theta, site, now, own, force):
+def carrier_acceleration(theta, site, now, added_states, force):
     """Return the acceleration y'' [m/s^2] of the carrier without its free pins, Eq. (14)."""
     angle = site[ORDER, 0] * now[PHASE] + site[ANGLE, 0]
     load = site[DRIVE, 0] * now[CONTROL] * np.cos(angle) - site[BRAKE, 0] * now[TORQUE]
     left = site[CARRIER, 0]
     for m in range(force.size):
         if site[MASK, m] == 0.0:
-            load += site[SHARE, m] * site[COS_BETA, m] * force[m]
+            load += site[MULTIPLICITY, m] * site[COS_BETA, m] * force[m]
     for k in range(force.size // 2):
         mass = site[MASS, k]
         if mass > 0.0:
-            load += site[SHARE, k] * hold(theta, mass, own[2 * k], own[2 * k + 1])
-            left -= site[SHARE, k] * mass
+            load += site[MULTIPLICITY, k] * hold(
+                theta, mass, added_states[2 * k], added_states[2 * k + 1]
+            )
+            left -= site[MULTIPLICITY, k] * mass
     return load / left
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add the displacement d = -w cos beta and its rate on all meshes of a free pin."""
     if theta[CLEARANCE] > 0.0:
         for m in range(law.shape[1]):
             if site[MASK, m] != 0.0:
                 pin = int(site[PIN, m])
-                law[SHIFT, m] -= site[COS_BETA, m] * own[2 * pin]
-                law[SHIFT_RATE, m] -= site[COS_BETA, m] * own[2 * pin + 1]
+                law[SHIFT, m] -= site[COS_BETA, m] * added_states[2 * pin]
+                law[SHIFT_RATE, m] -= site[COS_BETA, m] * added_states[2 * pin + 1]
 
 
 @law
-def react(theta, site, gear, now, own, x, v, law, force, torque):
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Correct the torque on the carrier by -m w'' = H + m y'' - P of each free pin."""
     if theta[CLEARANCE] > 0.0:
-        y = carrier_acceleration(theta, site, now, own, force)
+        y = carrier_acceleration(theta, site, now, added_states, force)
         for m in range(force.size):
             if site[MASK, m] != 0.0:
-                torque[2] -= site[SHARE, m] * site[COS_BETA, m] * force[m]
+                torque[2] -= site[MULTIPLICITY, m] * site[COS_BETA, m] * force[m]
         for k in range(force.size // 2):
             mass = site[MASS, k]
             if mass > 0.0:
-                seat = hold(theta, mass, own[2 * k], own[2 * k + 1])
-                torque[2] += site[SHARE, k] * (seat + mass * y)
+                seat = hold(theta, mass, added_states[2 * k], added_states[2 * k + 1])
+                torque[2] += site[MULTIPLICITY, k] * (seat + mass * y)
 
 
 @law
-def drive(theta, site, gear, now, own, force, slope):
+def drive(theta, site, gear, now, added_states, force, slope):
     """Write w' and w'' of each free pin, whose states are 2 pin and 2 pin + 1."""
     half = force.size // 2
     slope[:] = 0.0
     if theta[CLEARANCE] > 0.0:
-        y = carrier_acceleration(theta, site, now, own, force)
+        y = carrier_acceleration(theta, site, now, added_states, force)
         for m in range(force.size):
             if site[MASK, m] != 0.0:
                 slope[2 * int(site[PIN, m]) + 1] += site[COS_BETA, m] * force[m]
         for k in range(half):
             mass = site[MASS, k]
             if mass > 0.0:
-                push = slope[2 * k + 1] - hold(theta, mass, own[2 * k], own[2 * k + 1])
-                slope[2 * k] = own[2 * k + 1]
+                push = slope[2 * k + 1] - hold(
+                    theta, mass, added_states[2 * k], added_states[2 * k + 1]
+                )
+                slope[2 * k] = added_states[2 * k + 1]
                 slope[2 * k + 1] = push / mass - y
 
 
@@ -141,10 +145,10 @@ def fill(
     pins = np.flatnonzero(rows[MASS, : mask.size // 2])
     held = rows[MASK] != 0.0
     here = np.array([held & (rows[PIN] == pin) for pin in pins], dtype=float)
-    mass, share, cos_beta = rows[MASS, pins], rows[SHARE, pins], rows[COS_BETA, 0]
+    mass, share, cos_beta = rows[MASS, pins], rows[MULTIPLICITY, pins], rows[COS_BETA, 0]
     free = rows[CARRIER, 0] - np.sum(share * mass)
     # Acceleration of the carrier without its free pins: by mesh forces, seats and other loads.
-    by_mesh = rows[SHARE] * cos_beta * ~held / free
+    by_mesh = rows[MULTIPLICITY] * cos_beta * ~held / free
     by_seat, by_load = share / free, -rows[BRAKE, 0] * T_1 / free
     by_control = rows[DRIVE, 0] / free
     inertia = np.sum(share * mass)
@@ -161,7 +165,7 @@ def fill(
             hold=-np.diag(1.0 / mass) - by_seat,
             load=np.full(len(pins), -by_load),
             control=np.full(len(pins), -by_control),
-            body_force=np.outer(inertia * by_mesh - rows[SHARE] * cos_beta * held, carrier),
+            body_force=np.outer(inertia * by_mesh - rows[MULTIPLICITY] * cos_beta * held, carrier),
             body_hold=np.outer(share + inertia * by_seat, carrier),
             body_load=inertia * by_load * carrier,
             body_control=inertia * by_control * carrier,

@@ -17,7 +17,7 @@ F_0 = 1e-5  # m
 
 
 @law
-def react(theta, site, gear, now, own, x, v, law, force, torque):
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Change the spring force k f to k f (|f| / f_0)^(exponent - 1)."""
     for m in range(force.size):
         f = play(x[m], law[PLAY, m])

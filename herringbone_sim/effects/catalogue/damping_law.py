@@ -15,7 +15,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def react(theta, site, gear, now, own, x, v, law, force, torque):
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Multiply c v by 1 - share + share s."""
     for m in range(force.size):
         if site[0, m] != 0.0:

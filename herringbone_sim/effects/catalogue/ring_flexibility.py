@@ -15,7 +15,7 @@ from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import SHIFT, SHIFT_RATE, law
 from herringbone_sim.effects.slots import Coordinates, Slots
 
-MASS, COS_BETA, SHARE = range(1, 4)
+MASS, COS_BETA, MULTIPLICITY = range(1, 4)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
@@ -26,19 +26,19 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add the displacement d = -u cos beta and its rate on the ring meshes of each side."""
     half = law.shape[1] // 2
     if not np.isinf(theta[0]):
         for m in range(half, law.shape[1]):
             if site[0, m] != 0.0:
                 side = (m - half) // (half // 2)
-                law[SHIFT, m] -= site[COS_BETA, m] * own[2 * side]
-                law[SHIFT_RATE, m] -= site[COS_BETA, m] * own[2 * side + 1]
+                law[SHIFT, m] -= site[COS_BETA, m] * added_states[2 * side]
+                law[SHIFT_RATE, m] -= site[COS_BETA, m] * added_states[2 * side + 1]
 
 
 @law
-def drive(theta, site, gear, now, own, force, slope):
+def drive(theta, site, gear, now, added_states, force, slope):
     """Write u' and u'' of the left and the right half of the ring."""
     half = force.size // 2
     slope[:] = 0.0
@@ -46,10 +46,10 @@ def drive(theta, site, gear, now, own, force, slope):
         mass = site[MASS, 0]
         damping = 2.0 * theta[1] * np.sqrt(theta[0] * mass)
         for side in range(2):
-            u, rate = own[2 * side], own[2 * side + 1]
+            u, rate = added_states[2 * side], added_states[2 * side + 1]
             load = -theta[0] * u - damping * rate
             for m in range(half + side * (half // 2), half + (side + 1) * (half // 2)):
-                load += site[0, m] * site[SHARE, m] * site[COS_BETA, m] * force[m]
+                load += site[0, m] * site[MULTIPLICITY, m] * site[COS_BETA, m] * force[m]
             slope[2 * side] = rate
             slope[2 * side + 1] = load / mass
 

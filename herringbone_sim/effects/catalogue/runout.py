@@ -28,7 +28,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add the wave to e: subtract it from the displacement d, and its rate from d'."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

@@ -15,7 +15,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Advance k and e of the meshes by the angle."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

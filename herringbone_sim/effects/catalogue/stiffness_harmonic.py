@@ -23,7 +23,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add k_m (theta[0] cos + theta[1] sin)(order phase) to k of the meshes of the locus.
 
     k_m is the mean stiffness of the gear without effects. Arrays: see ``effects.law``.

@@ -16,7 +16,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add rate T to b', limited to zero from below."""
     warm = bent_temperature(now[DELTA_T], theta[1])
     for m in range(law.shape[1]):

@@ -18,7 +18,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Reduce k while the tooth is in mesh."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

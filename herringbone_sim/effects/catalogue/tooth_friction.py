@@ -22,7 +22,7 @@ from herringbone_sim.effects.law import PHASE, law
 from herringbone_sim.effects.site import is_ring
 from herringbone_sim.effects.slots import Slots
 
-TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, SHARE = range(1, 7)
+TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, MULTIPLICITY = range(1, 7)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
@@ -50,7 +50,7 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 
 @law
-def react(theta, site, gear, now, own, x, v, law, force, torque):
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Add the friction torques of each mesh to its bodies; the normal force does not change."""
     turn = now[PHASE] / TWO_PI
     s = turn - np.floor(turn + 0.5)
@@ -62,11 +62,11 @@ def react(theta, site, gear, now, own, x, v, law, force, torque):
             driver = -g * (site[TAN, m] + s * site[DRIVER_ARM, m])
             driven = g * (site[TAN, m] - s * site[DRIVEN_ARM, m])
             if m < half:
-                torque[m // planets] += site[SHARE, m] * driver
+                torque[m // planets] += site[MULTIPLICITY, m] * driver
                 torque[3 + m] += driven
             else:
                 torque[3 + m - half] += driver
-            torque[2] += site[SHARE, m] * g * site[CARRIER_ARM, m]
+            torque[2] += site[MULTIPLICITY, m] * g * site[CARRIER_ARM, m]
 
 
 def friction_arms(
@@ -84,13 +84,13 @@ def friction_arms(
     for m in np.flatnonzero(mask):
         g = rows[COS_BETA, m]
         driver = m // planets if m < half else 3 + m - half
-        share = rows[SHARE, m] if m < half else 1.0
+        share = rows[MULTIPLICITY, m] if m < half else 1.0
         constant[m, driver] -= share * g * rows[TAN, m]
         lever[m, driver] -= share * g * rows[DRIVER_ARM, m]
         if m < half:
             constant[m, 3 + m] += g * rows[TAN, m]
             lever[m, 3 + m] -= g * rows[DRIVEN_ARM, m]
-        constant[m, 2] += rows[SHARE, m] * g * rows[CARRIER_ARM, m]
+        constant[m, 2] += rows[MULTIPLICITY, m] * g * rows[CARRIER_ARM, m]
     return constant, lever
 
 

@@ -27,7 +27,7 @@ from herringbone_sim.effects.slots import Slots
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """Add the event to e: subtract it from the displacement d, and its rate from d'."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

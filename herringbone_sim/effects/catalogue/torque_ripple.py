@@ -15,7 +15,7 @@ from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import PHASE, TORQUE, law
 from herringbone_sim.effects.slots import Slots
 
-ORDER, TURN, RADIUS = range(1, 4)
+ORDER, SHAFT_CYCLES, RADIUS = range(1, 4)
 
 
 def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
@@ -30,9 +30,9 @@ def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[
 
 
 @law
-def react(theta, site, gear, now, own, x, v, law, force, torque):
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     """Add the ripple to the torque on both halves of the sun."""
-    angle = site[ORDER, 0] * now[PHASE] / site[TURN, 0] + theta[1]
+    angle = site[ORDER, 0] * now[PHASE] / site[SHAFT_CYCLES, 0] + theta[1]
     more = 0.5 * now[TORQUE] / site[RADIUS, 0] * theta[0] * np.cos(angle)
     torque[0] += more
     torque[1] += more

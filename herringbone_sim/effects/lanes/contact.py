@@ -6,36 +6,36 @@ from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, ro
 from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import ON_BORDER, START
 from herringbone_sim.effects.dormand_prince import APART
-from herringbone_sim.effects.lanes.places import JUMPS, NOW, PACE, STALE, SWITCHED
+from herringbone_sim.effects.lanes.places import JUMPS, NOW, STALE, SWITCH_RATE, SWITCHED
 from herringbone_sim.effects.lanes.slope import slope
-from herringbone_sim.effects.lanes.step import begin_phase, hold_of, margins
+from herringbone_sim.effects.lanes.step import begin_phase, clamp_shift_of, margins
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.located import JUMP
 
-SPARE = 4  # work row of ``gap`` and ``pace``, behind those of ``crossing``
+SPARE = 4  # work row of ``margin`` and ``margin_rate``, behind those of ``crossing``
 
 
 @called
 def find_contact(m):
     """Set the contact states of all meshes by their deflections in lanes that begin a piece."""
-    w, anew = m.w, take(m.r.lane, STALE) == 2.0
+    w, anew = m.w, take(m.r.progress, STALE) == 2.0
     slope(m, m.r.y[0], m.r.along[5], False)
     for j in range(w.x.shape[0]):
         x, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
         zero = b * 0.0
-        side = choose(x > b, zero + 1.0, choose(x < zero - b, zero - 1.0, zero))
-        give(w.side, j, choose(anew, side, take(w.side, j)))
+        contact_state = choose(x > b, zero + 1.0, choose(x < zero - b, zero - 1.0, zero))
+        give(w.contact_state, j, choose(anew, contact_state, take(w.contact_state, j)))
 
 
 @called
 def refresh(m):
-    """Compute slope and ``hold`` of stage 0 in stale lanes, and margins in row ``SPARE``."""
-    r, stale = m.r, take(m.r.lane, STALE) > 0.0
+    """Compute slope and ``clamp_shift`` of stage 0 in stale lanes; margins in row ``SPARE``."""
+    r, stale = m.r, take(m.r.progress, STALE) > 0.0
     slope(m, r.y[0], r.along[5], False)
     for k in range(r.z.shape[0]):
         store(r.slope, 0, k, choose(stale, load(r.along, 5, k), load(r.slope, 0, k)))
     for j in range(m.w.x.shape[0]):
-        store(r.hold, 0, j, choose(stale, hold_of(m, j), load(r.hold, 0, j)))
+        store(r.clamp_shift, 0, j, choose(stale, clamp_shift_of(m, j), load(r.clamp_shift, 0, j)))
     margins(m, SPARE)
 
 
@@ -52,8 +52,8 @@ def leaving(r, n, lane):
         lane: index of the lane.
     """
     for j in range(n):
-        gap = r.gap[SPARE, j, lane]
-        if (gap <= 0.0 and r.pace[SPARE, j, lane] < 0.0) or gap < -10.0 * ON_BORDER:
+        margin = r.margin[SPARE, j, lane]
+        if (margin <= 0.0 and r.margin_rate[SPARE, j, lane] < 0.0) or margin < -10.0 * ON_BORDER:
             return j
     return -1
 
@@ -63,16 +63,18 @@ def switch(m):
     """Switch the first mesh that must, in every stale lane; returns whether any lane did."""
     r, w, any_has = m.r, m.w, False
     for lane in range(LANES):
-        r.place[SWITCHED, lane] = -1
-        if r.lane[STALE, lane] == 0.0:
+        r.counters[SWITCHED, lane] = -1
+        if r.progress[STALE, lane] == 0.0:
             continue
         j = leaving(r, w.x.shape[0], lane)
         if j >= 0:
-            r.place[SWITCHED, lane] = j
-            r.lane[PACE, lane] = r.pace[SPARE, j, lane]
+            r.counters[SWITCHED, lane] = j
+            r.progress[SWITCH_RATE, lane] = r.margin_rate[SPARE, j, lane]
             x, v = w.plain[j, lane] + w.law[SHIFT, j, lane], w.v[j, lane]
             up = x > 0.0 or (x == 0.0 and v > 0.0)
-            w.side[j, lane] = 0.0 if w.side[j, lane] != 0.0 else (1.0 if up else -1.0)
+            w.contact_state[j, lane] = (
+                0.0 if w.contact_state[j, lane] != 0.0 else (1.0 if up else -1.0)
+            )
             any_has = True
     return any_has
 
@@ -81,21 +83,21 @@ def switch(m):
 def see_jumps(m):
     """Mark lanes whose slope jumped from ``direction`` at a switch; returns whether any did.
 
-    There the contact state before the switch is restored, and ``lane[JUMPS]`` holds the state
+    There the contact state before the switch is restored, and ``progress[JUMPS]`` holds the state
     after it, with 2 for separated; it is 0 in lanes without a jump.
     """
     r, w, any_has = m.r, m.w, False
     for lane in range(LANES):
-        j, largest = r.place[SWITCHED, lane], 0.0
+        j, largest = r.counters[SWITCHED, lane], 0.0
         for k in range(r.z.shape[0]):
             largest = max(largest, abs(r.slope[0, k, lane] - r.direction[k, lane]))
-        jumps = j >= 0 and largest > JUMP and r.lane[PACE, lane] < 0.0
-        r.lane[JUMPS, lane] = 0.0
+        jumps = j >= 0 and largest > JUMP and r.progress[SWITCH_RATE, lane] < 0.0
+        r.progress[JUMPS, lane] = 0.0
         if jumps:
-            was = w.side[j, lane]
+            was = w.contact_state[j, lane]
             up = w.plain[j, lane] + w.law[SHIFT, j, lane] > 0.0
-            r.lane[JUMPS, lane] = was if was != 0.0 else 2.0
-            w.side[j, lane] = 0.0 if was != 0.0 else (1.0 if up else -1.0)
+            r.progress[JUMPS, lane] = was if was != 0.0 else 2.0
+            w.contact_state[j, lane] = 0.0 if was != 0.0 else (1.0 if up else -1.0)
             any_has = True
     return any_has
 
@@ -109,7 +111,7 @@ def jump(m):
     r, w = m.r, m.w
     if not see_jumps(m):
         return
-    square = take(m.r.lane, NOW) * 0.0
+    square = take(m.r.progress, NOW) * 0.0
     for k in range(r.z.shape[0]):
         square = fma(load(r.tangent, 0, k), load(r.tangent, 0, k), square)
     size, change = root(square), square * 0.0
@@ -120,18 +122,20 @@ def jump(m):
         slope(m, r.was, r.along[6], False)
         margins(m, SPARE)
         for lane in range(LANES):
-            j = max(r.place[SWITCHED, lane], 0)
-            r.gap[SPARE, 0, lane] = r.gap[SPARE, j, lane]
-        change = fma(load(r.gap, SPARE, 0), sign, change)
-    jumps = take(r.lane, JUMPS) != 0.0
-    share = change * size / (2.0 * APART) / take(r.lane, PACE)
+            j = max(r.counters[SWITCHED, lane], 0)
+            r.margin[SPARE, 0, lane] = r.margin[SPARE, j, lane]
+        change = fma(load(r.margin, SPARE, 0), sign, change)
+    jumps = take(r.progress, JUMPS) != 0.0
+    share = change * size / (2.0 * APART) / take(r.progress, SWITCH_RATE)
     for k in range(r.z.shape[0]):
         old, leap = load(r.tangent, 0, k), load(r.slope, 0, k) - take(r.direction, k)
         store(r.tangent, 0, k, choose(jumps, fma(share, leap, old), old))
     for lane in range(LANES):
-        if r.lane[JUMPS, lane] != 0.0:
-            side = r.lane[JUMPS, lane]
-            w.side[r.place[SWITCHED, lane], lane] = side if side != 2.0 else 0.0
+        if r.progress[JUMPS, lane] != 0.0:
+            contact_state = r.progress[JUMPS, lane]
+            w.contact_state[r.counters[SWITCHED, lane], lane] = (
+                contact_state if contact_state != 2.0 else 0.0
+            )
     refresh(m)
 
 
@@ -143,7 +147,7 @@ def begin(m, anew):
     """
     r, w = m.r, m.w
     n = w.x.shape[0]
-    give(r.lane, NOW, begin_phase(m))
+    give(r.progress, NOW, begin_phase(m))
     if anew:
         find_contact(m)
     refresh(m)
@@ -155,7 +159,7 @@ def begin(m, anew):
         refresh(m)
         if r.tangent.shape[0] > 0:
             jump(m)
-    stale = take(r.lane, STALE) > 0.0
+    stale = take(r.progress, STALE) > 0.0
     for j in range(n):
         force = take(w.force, j)
         zero = force * 0.0
@@ -163,7 +167,14 @@ def begin(m, anew):
         give(r.sign, j, choose(stale, sign, take(r.sign, j)))
     margins(m, SPARE)
     for j in range(2 * n):
-        store(r.gap, START, j, choose(stale, load(r.gap, SPARE, j), load(r.gap, START, j)))
+        store(
+            r.margin, START, j, choose(stale, load(r.margin, SPARE, j), load(r.margin, START, j))
+        )
     for j in range(n):
-        store(r.pace, START, j, choose(stale, load(r.pace, SPARE, j), load(r.pace, START, j)))
-    give(r.lane, STALE, take(r.lane, STALE) * 0.0)
+        store(
+            r.margin_rate,
+            START,
+            j,
+            choose(stale, load(r.margin_rate, SPARE, j), load(r.margin_rate, START, j)),
+        )
+    give(r.progress, STALE, take(r.progress, STALE) * 0.0)

@@ -21,14 +21,14 @@ from herringbone_sim.effects.lanes.places import (
     LAST,
     LOW,
     MODE,
-    REACH,
+    PIECE_LENGTH,
     STEP,
     TRIED,
     WANT,
 )
 from herringbone_sim.effects.located import SHORTEST, TRIALS
 
-WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # ``lane[MODE]``; WAIT: no step is tried
+WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # ``progress[MODE]``; WAIT: no step is tried
 
 
 @inlined
@@ -36,19 +36,19 @@ def plan(at, lane):
     """Set the step that a lane tries next: an equal part of the rest of its piece, <= ``WANT``.
 
     Args:
-        at: (rows, lanes) ``LaneTrial.lane``, rows as in ``places``; lengths in units of tau.
+        at: (rows, lanes) ``LaneTrial.progress``, rows as in ``places``; lengths in units of tau.
         lane: index of the lane.
     """
-    left = at[REACH, lane] - at[DONE, lane]
+    left = at[PIECE_LENGTH, lane] - at[DONE, lane]
     at[MODE, lane], at[TRIED, lane] = WHOLE, left / math.ceil(left / at[WANT, lane])
 
 
 @called
-def narrow(at, lane, gap, pace):
+def narrow(at, lane, margin, margin_rate):
     """Set the next trial in the search for an edge; returns True if the tried step ends at it."""
     low, high = at[LOW, lane], at[HIGH, lane]
     if at[COUNT, lane] < TRIALS:
-        part, worst = guess(gap, pace, high - low)
+        part, worst = guess(margin, margin_rate, high - low)
         if worst > 2.0:
             part = 0.5 if at[COUNT, lane] % 4 == 3 else part
             last = low + min(max(part, 1e-12), 1.0 - 1e-12) * (high - low)
@@ -61,20 +61,20 @@ def narrow(at, lane, gap, pace):
 
 
 @called
-def open_bracket(at, lane, gap, pace):
+def open_bracket(at, lane, margin, margin_rate):
     """Begin the search for the edge that the tried step has passed; returns as ``narrow``."""
     high = at[TRIED, lane]
     at[LOW, lane], at[HIGH, lane], at[LAST, lane], at[COUNT, lane] = 0.0, high, high, 0.0
-    keep(gap, pace, START, AT_LOW)
-    keep(gap, pace, END, AT_HIGH)
-    return narrow(at, lane, gap, pace)
+    keep(margin, margin_rate, START, AT_LOW)
+    keep(margin, margin_rate, END, AT_HIGH)
+    return narrow(at, lane, margin, margin_rate)
 
 
 @called
-def decide(at, lane, gap, pace):
+def decide(at, lane, margin, margin_rate):
     """Return whether a lane accepts the step it tried; if not, set what it tries next.
 
-    ``gap`` and ``pace`` are the margins and rates of the lane, see ``crossing``.
+    ``margin`` and ``margin_rate`` are the margins and rates of the lane, see ``crossing``.
     """
     mode, tried, error = at[MODE, lane], at[TRIED, lane], at[ERROR, lane]
     if mode == WHOLE:
@@ -84,21 +84,21 @@ def decide(at, lane, gap, pace):
             return False
         at[WANT, lane] = tried * min(5.0, 0.9 * max(error, 1e-9) ** -0.2)
         at[STEP, lane] = tried
-        if passed(gap):
-            return open_bracket(at, lane, gap, pace)
-        part = dip(gap, pace, tried)
+        if passed(margin):
+            return open_bracket(at, lane, margin, margin_rate)
+        part = dip(margin, margin_rate, tried)
         if part < 1.0:
             at[TRIED, lane], at[MODE, lane] = part * tried, DIP
         return part == 1.0
     if mode == DIP:
-        if passed(gap):
-            return open_bracket(at, lane, gap, pace)
+        if passed(margin):
+            return open_bracket(at, lane, margin, margin_rate)
         at[TRIED, lane], at[MODE, lane] = at[STEP, lane], BACK
         return False
     if mode == BRACKET:
-        beyond = passed(gap)
+        beyond = passed(margin)
         at[HIGH if beyond else LOW, lane] = tried
-        keep(gap, pace, END, AT_HIGH if beyond else AT_LOW)
+        keep(margin, margin_rate, END, AT_HIGH if beyond else AT_LOW)
         at[COUNT, lane] += 1.0
-        return narrow(at, lane, gap, pace)
+        return narrow(at, lane, margin, margin_rate)
     return mode != WAIT

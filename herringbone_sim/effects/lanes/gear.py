@@ -26,14 +26,14 @@ CONTROL, OMEGA, MULTIPLICITY, PROJECTION, SI = 12, 13, 14, 15, 16
 INV_PLANET = SI + 5
 
 
-class Own(NamedTuple):
+class LawConstants(NamedTuple):
     """Constants of v gears: of all gears in the queue, or of those in the lanes."""
 
     theta: tuple[Array, ...]  # (v, p) of each effect
     site: tuple[Array, ...]  # (v, rows, n)
     gear: Array  # (v, rows, n)
     now: Array  # (v, 5) as in ``effects.law``
-    windows: Array  # (v, w, 3) events, see ``core.packed.Packed``
+    events: Array  # (v, w, 3) events, see ``core.packed.Packed``
     flat: Array  # (v, all) entries of ``LaneGear.flat``; unused in the lanes
 
 
@@ -50,7 +50,7 @@ class LaneGear(NamedTuple):
     scalars: Array  # (rows, l) one number a gear, rows as above
     now: Array  # (5, l)
     unit: Array  # (s, l) as in ``dormand_prince.Gear``
-    own: Own  # constants for laws that are not written for lanes
+    lane_constants: LawConstants  # constants for laws that are not written for lanes
     single: Single
     w: LaneScratch
     r: LaneTrial
@@ -63,7 +63,7 @@ class LaneGear(NamedTuple):
 class Single(NamedTuple):
     """Work arrays, lane first, that laws not written for lanes read and change."""
 
-    own: Array  # (l, states of effects)
+    added_states: Array  # (l, states of effects)
     slope: Array  # (l, states of effects)
     law: Array  # (l, 5, n)
     x: Array  # (l, n)
@@ -75,13 +75,13 @@ class Single(NamedTuple):
 class LaneScratch(NamedTuple):
     """Work arrays as ``effects.gear.Scratch``, and motion without the effects' displacements."""
 
-    side: Array  # (n, l)
+    contact_state: Array  # (n, l)
     law: Array  # (5, n, l)
     x: Array  # (n, l)
     v: Array  # (n, l)
     force: Array  # (n, l)
     torque: Array  # (b, l)
-    hold: Array  # (n, l)
+    clamp_shift: Array  # (n, l)
     plain: Array  # (n, l) deflection with the nominal error [m]
     rate: Array  # (n, l) its rate [m/s]
 
@@ -89,12 +89,12 @@ class LaneScratch(NamedTuple):
 class LaneTrial(NamedTuple):
     """Work arrays as ``dormand_prince.Trial``, and the progress of each lane."""
 
-    place: NDArray[np.int64]  # (4, l) see ``places``
+    counters: NDArray[np.int64]  # (4, l) see ``places``
     y: Array  # (7, s, l)
     slope: Array  # (7, s, l)
-    hold: Array  # (7, n, l)
-    gap: Array  # (5, 2 n, l), row ``contact.SPARE`` for work
-    pace: Array  # (5, n, l)
+    clamp_shift: Array  # (7, n, l)
+    margin: Array  # (5, 2 n, l), row ``contact.SPARE`` for work
+    margin_rate: Array  # (5, n, l)
     sign: Array  # (n, l)
     along: Array  # (7, s, l)
     direction: Array  # (s, l)
@@ -102,18 +102,18 @@ class LaneTrial(NamedTuple):
     z: Array  # (s, l)
     tangent: Array  # (k, s, l), k is 0 or 1
     spent: Array  # (l, n, 3)
-    lane: Array  # (rows, l) see ``places``
+    progress: Array  # (rows, l) see ``places``
 
 
 def lane_gear(
     models: Sequence[Model], gears: Sequence[Gear], tangents: int
-) -> tuple[LaneGear, Own]:
+) -> tuple[LaneGear, LawConstants]:
     """Return lanes, still without values, for gears of one layout with the same effects.
 
     Also returns the constants of each gear. ``gears``: ``LawStepper.gear`` of each model.
     """
-    constants = _own_of(models, gears)
-    mine = Own(*(_lanes_of(part) for part in constants))
+    constants = _law_constants_of(models, gears)
+    mine = LawConstants(*(_lanes_of(part) for part in constants))
     flat = np.zeros((constants.flat.shape[1], LANES))
     views, first = [], 0
     for shape in (
@@ -128,7 +128,11 @@ def lane_gear(
         views.append(flat[first : first + size].reshape(*shape, LANES))
         first += size
     k, template = len(constants.theta), gears[0]
-    n, s, n_own = template.w.force.size, template.unit.size, template.unit.size - template.n_state
+    n, s, n_added_states = (
+        template.w.force.size,
+        template.unit.size,
+        template.unit.size - template.n_state,
+    )
     effects = models[0].effects
     return LaneGear(
         e=template.e,
@@ -141,8 +145,8 @@ def lane_gear(
         now=views[2 * k + 1],
         scalars=views[2 * k + 2],
         unit=views[2 * k + 3],
-        own=mine,
-        single=_single(n, n_own, template.w.torque.size),
+        lane_constants=mine,
+        single=_single(n, n_added_states, template.w.torque.size),
         w=_scratch(n, template.w.torque.size),
         r=_trial(n, s, tangents),
         n_state=template.n_state,
@@ -152,7 +156,7 @@ def lane_gear(
     ), constants
 
 
-def _own_of(models: Sequence[Model], gears: Sequence[Gear]) -> Own:
+def _law_constants_of(models: Sequence[Model], gears: Sequence[Gear]) -> LawConstants:
     def stacked(parts: Sequence[Array]) -> Array:
         return np.array(parts)
 
@@ -161,8 +165,8 @@ def _own_of(models: Sequence[Model], gears: Sequence[Gear]) -> Own:
     gear, now = stacked([g.gear for g in gears]), stacked([g.now for g in gears])
     rows = stacked([_constants(*pair) for pair in zip(models, gears, strict=True)])
     parts = [part.reshape(len(gears), -1) for part in (*theta, *site, gear, now, rows)]
-    windows = stacked([g.p.windows for g in gears])
-    return Own(theta, site, gear, now, windows, np.concatenate(parts, axis=1))
+    events = stacked([g.p.events for g in gears])
+    return LawConstants(theta, site, gear, now, events, np.concatenate(parts, axis=1))
 
 
 def _lanes_of(part: Any) -> Any:
@@ -183,8 +187,8 @@ def _zeros(*sizes: Any) -> list[Array]:
     return [np.zeros(size) for size in sizes]
 
 
-def _single(n: int, own: int, bodies: int) -> Single:
-    sizes = own, own, (5, n), n, n, n, bodies
+def _single(n: int, n_added_states: int, bodies: int) -> Single:
+    sizes = n_added_states, n_added_states, (5, n), n, n, n, bodies
     return Single(*(np.zeros((LANES, *np.atleast_1d(size))) for size in sizes))
 
 

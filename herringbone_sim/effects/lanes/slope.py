@@ -29,24 +29,24 @@ from herringbone_sim.effects.law import (
     HARMONICS,
     MEAN_E,
     MEAN_K,
-    OWN_B,
-    OWN_C,
+    NOMINAL_B,
+    NOMINAL_C,
     PHASE,
     PLAY,
     SHIFT,
     SHIFT_RATE,
     STIFFNESS,
 )
-from herringbone_sim.effects.run import FORCE, FREQUENCY_N, LENGTH, RATE, TILT
+from herringbone_sim.effects.run import FORCE, FREQUENCY_N, LENGTH, RATE, U_UNIT
 
 
 @inlined
-def inside(x, b, side, margin):
+def inside(x, b, contact_state, margin):
     """Clamp deflections into contact states, as ``instant.clamp_to_contact`` in each lane."""
     edge = most(b - margin, b * 0.0)
     within = least(most(x, 0.0 - edge), edge)
-    closed = choose(side > 0.0, most(x, b + margin), least(x, 0.0 - b - margin))
-    return choose(side == 0.0, within, closed)
+    closed = choose(contact_state > 0.0, most(x, b + margin), least(x, 0.0 - b - margin))
+    return choose(contact_state == 0.0, within, closed)
 
 
 @inlined
@@ -65,8 +65,8 @@ def nominal(m, phase):
         give(w.plain, j, x * length - load(gear, MEAN_E, j))
         give(w.rate, j, v * rate)
         store(w.law, STIFFNESS, j, load(gear, MEAN_K, j))
-        store(w.law, DAMPING, j, load(gear, OWN_C, j))
-        store(w.law, PLAY, j, load(gear, OWN_B, j))
+        store(w.law, DAMPING, j, load(gear, NOMINAL_C, j))
+        store(w.law, PLAY, j, load(gear, NOMINAL_B, j))
         store(w.law, SHIFT, j, length * 0.0)
         store(w.law, SHIFT_RATE, j, length * 0.0)
     omega = take(scalars, OMEGA) * take(scalars, SI + FREQUENCY_N)
@@ -88,17 +88,17 @@ def excite_singly(m, i, first, last):
 
     ``first`` and ``last`` delimit its states among those of all effects.
     """
-    single, w, own = m.single, m.w, m.own
+    single, w, lane_constants = m.single, m.w, m.lane_constants
     for lane in range(LANES):
         for row in range(5):
             for j in range(w.x.shape[0]):
                 single.law[lane, row, j] = w.law[row, j, lane]
         m.e.excite[i](
-            own.theta[i][lane],
-            own.site[i][lane],
-            own.gear[lane],
-            own.now[lane],
-            single.own[lane, first:last],
+            lane_constants.theta[i][lane],
+            lane_constants.site[i][lane],
+            lane_constants.gear[lane],
+            lane_constants.now[lane],
+            single.added_states[lane, first:last],
             single.law[lane],
         )
     for row in range(5):
@@ -110,7 +110,7 @@ def excite_singly(m, i, first, last):
 @called
 def react_singly(m, i, first, last):
     """Call ``react`` of effect i for one lane after another, see ``excite_singly``."""
-    single, w, own = m.single, m.w, m.own
+    single, w, lane_constants = m.single, m.w, m.lane_constants
     n, bodies = w.x.shape[0], w.torque.shape[0]
     for lane in range(LANES):
         for j in range(n):
@@ -121,11 +121,11 @@ def react_singly(m, i, first, last):
         for k in range(bodies):
             single.torque[lane, k] = w.torque[k, lane]
         m.e.react[i](
-            own.theta[i][lane],
-            own.site[i][lane],
-            own.gear[lane],
-            own.now[lane],
-            single.own[lane, first:last],
+            lane_constants.theta[i][lane],
+            lane_constants.site[i][lane],
+            lane_constants.gear[lane],
+            lane_constants.now[lane],
+            single.added_states[lane, first:last],
             single.x[lane],
             single.v[lane],
             single.law[lane],
@@ -144,16 +144,16 @@ def drive_singly(m, i, first, last, dy):
 
     ``dy`` (states of all effects, lanes) is in SI units.
     """
-    single, own = m.single, m.own
+    single, lane_constants = m.single, m.lane_constants
     for lane in range(LANES):
         for j in range(m.w.x.shape[0]):
             single.force[lane, j] = m.w.force[j, lane]
         m.e.drive[i](
-            own.theta[i][lane],
-            own.site[i][lane],
-            own.gear[lane],
-            own.now[lane],
-            single.own[lane, first:last],
+            lane_constants.theta[i][lane],
+            lane_constants.site[i][lane],
+            lane_constants.gear[lane],
+            lane_constants.now[lane],
+            single.added_states[lane, first:last],
             single.force[lane],
             single.slope[lane, first:last],
         )
@@ -165,22 +165,23 @@ def drive_singly(m, i, first, last, dy):
 def tell_singly(m):
     """Copy phase and effects' states to the arrays of laws that are not written for lanes."""
     for lane in range(LANES):
-        m.own.now[lane, PHASE] = m.now[PHASE, lane]
-        for k in range(m.single.own.shape[1]):
-            m.single.own[lane, k] = m.r.z[m.n_state + k, lane]
+        m.lane_constants.now[lane, PHASE] = m.now[PHASE, lane]
+        for k in range(m.single.added_states.shape[1]):
+            m.single.added_states[lane, k] = m.r.z[m.n_state + k, lane]
 
 
 @inlined
 def forces(m, free):
-    """Compute mesh forces and torques of effects in ``m.w``, as ``instant.instant``.
+    """Compute mesh forces and torques of effects in ``m.w``, as ``instant.forces_of_motion``.
 
-    ``free``: contact follows from the deflection plus ``hold``; else it is ``m.w.side``.
+    ``free``: contact follows from the deflection plus ``clamp_shift``; else it is that in
+    ``m.w.contact_state``.
     """
-    e, w, own = m.e, m.w, m.r.z[m.n_state :]
+    e, w, added_states = m.e, m.w, m.r.z[m.n_state :]
     for i in range(e.n_active):
         first, last = e.first[i], e.first[i + 1]
         if e.acts[i, 0] and m.written[i]:
-            m.vector[0][i](m.theta[i], m.site[i], m.gear, m.now, own[first:last], w.law)
+            m.vector[0][i](m.theta[i], m.site[i], m.gear, m.now, added_states[first:last], w.law)
         elif e.acts[i, 0]:
             excite_singly(m, i, first, last)
     zero = take(m.scalars, OMEGA) * 0.0
@@ -188,12 +189,12 @@ def forces(m, free):
         shown, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
         v = take(w.rate, j) + load(w.law, SHIFT_RATE, j)
         if free:
-            x = shown + take(w.hold, j)
+            x = shown + take(w.clamp_shift, j)
             f = choose(x > b, x - b, choose(x < zero - b, x + b, zero))
         else:
-            side = take(w.side, j)
-            x = inside(shown, b, side, BEYOND)
-            f = choose(side == zero, zero, shown - side * b)
+            contact_state = take(w.contact_state, j)
+            x = inside(shown, b, contact_state, BEYOND)
+            f = choose(contact_state == zero, zero, shown - contact_state * b)
         give(w.x, j, x)
         give(w.v, j, v)
         give(w.force, j, fma(load(w.law, DAMPING, j), v, load(w.law, STIFFNESS, j) * f))
@@ -202,7 +203,7 @@ def forces(m, free):
     for i in range(e.n_active):
         first, last = e.first[i], e.first[i + 1]
         if e.acts[i, 1] and m.written[i]:
-            head = m.theta[i], m.site[i], m.gear, m.now, own[first:last]
+            head = m.theta[i], m.site[i], m.gear, m.now, added_states[first:last]
             m.vector[1][i](*head, w.x, w.v, w.law, w.force, w.torque)
         elif e.acts[i, 1]:
             react_singly(m, i, first, last)
@@ -214,28 +215,28 @@ def accelerate(m, phase, dy):
     scalars, w = m.scalars, m.w
     n = w.x.shape[0]
     half, c = n // 2, n // 4
-    size, share = 2 + half, take(scalars, MULTIPLICITY)
+    size, multiplicity = 2 + half, take(scalars, MULTIPLICITY)
     newton = 1.0 / take(scalars, SI + FORCE)
     unit = (
         take(scalars, SI + LENGTH)
-        / (take(scalars, SI + TILT) * take(scalars, PROJECTION))
+        / (take(scalars, SI + U_UNIT) * take(scalars, PROJECTION))
         * newton
     )
     control = newton * 0.0
     if m.controlled:
-        angle = fma(take(scalars, CONTROL_ORDER), phase, take(m.r.lane, ANGLE))
+        angle = fma(take(scalars, CONTROL_ORDER), phase, take(m.r.progress, ANGLE))
         control = take(scalars, CONTROL) * sine_cosine(angle)[1]
     carrier, total = take(w.torque, 2) * take(scalars, INV_CARRIER), newton * 0.0
     for j in range(n):
         total = total + take(w.force, j)
-    common = share * total * newton * take(scalars, INV_CARRIER)
+    common = multiplicity * total * newton * take(scalars, INV_CARRIER)
     for side in range(2):
         inv, sun = take(scalars, INV_SUN + side), newton * 0.0
         for i in range(c):
             sun = sun + take(w.force, side * c + i)
         push = take(w.torque, side) * inv - 2.0 * carrier
         applied = take(scalars, LOAD_Q + side) - control * take(scalars, CONTROL_Q + side)
-        mesh = share * sun * newton * inv + 2.0 * common
+        mesh = multiplicity * sun * newton * inv + 2.0 * common
         give(dy, size + side, fma(unit, push, applied) - mesh)
         for i in range(c):
             k = side * c + i
@@ -251,11 +252,11 @@ def accelerate(m, phase, dy):
 @inlined
 def drive(m, dy):
     """Write the rates of the effects' states (states, lanes) to dy, in SI units."""
-    e, own = m.e, m.r.z[m.n_state :]
+    e, added_states = m.e, m.r.z[m.n_state :]
     for i in range(e.n_active):
         first, last = e.first[i], e.first[i + 1]
         if last > first and m.written[i]:
-            head = m.theta[i], m.site[i], m.gear, m.now, own[first:last]
+            head = m.theta[i], m.site[i], m.gear, m.now, added_states[first:last]
             m.vector[2][i](*head, m.w.force, dy[first:last])
         elif last > first:
             drive_singly(m, i, first, last, dy)
@@ -267,11 +268,11 @@ def slope_of(m, y, dy, free):
 
     Mesh forces, deflections and laws remain in ``m.w``; ``free`` as for ``forces``.
     """
-    bound = take(m.r.lane, BOUND_LOW), take(m.r.lane, BOUND_HIGH)
-    at = least(most(take(m.r.lane, NOW), bound[0]), bound[1])
+    bound = take(m.r.progress, BOUND_LOW), take(m.r.progress, BOUND_HIGH)
+    at = least(most(take(m.r.progress, NOW), bound[0]), bound[1])
     for k in range(y.shape[0]):
         give(m.r.z, k, take(y, k) * take(m.unit, k))
-    give(m.now, PHASE, take(m.r.lane, CYCLE) * TWO_PI + at)
+    give(m.now, PHASE, take(m.r.progress, CYCLE) * TWO_PI + at)
     if m.singly:
         tell_singly(m)
     nominal(m, at)

@@ -19,7 +19,7 @@ from herringbone_sim.effects.crossing import END
 from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
 from herringbone_sim.effects.dormand_prince import ERROR as SHARES
 from herringbone_sim.effects.lanes.gear import OMEGA, SI
-from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE, TAKEN, TRIED
+from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE_START, TAKEN, TRIED
 from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE
@@ -28,16 +28,16 @@ from herringbone_sim.effects.run import FORCE, LENGTH, RATE
 @inlined
 def begin_phase(m):
     """Return the phase [rad] at the start of each lane's step."""
-    return fma(take(m.r.lane, DONE), take(m.scalars, OMEGA), take(m.r.lane, PIECE))
+    return fma(take(m.r.progress, DONE), take(m.scalars, OMEGA), take(m.r.progress, PIECE_START))
 
 
 @inlined
-def hold_of(m, j):
-    """Return the shift [m] of deflection j into its contact state, as ``Trial.hold``."""
+def clamp_shift_of(m, j):
+    """Return the shift [m] of deflection j into its contact state, as ``Trial.clamp_shift``."""
     w = m.w
     x = take(w.plain, j) + load(w.law, SHIFT, j)
     margin = take(m.scalars, SI + LENGTH) * (4.0 * APART)
-    return inside(x, load(w.law, PLAY, j), take(w.side, j), margin) - x
+    return inside(x, load(w.law, PLAY, j), take(w.contact_state, j), margin) - x
 
 
 @called
@@ -47,17 +47,17 @@ def attempt(m):
     Errors over the tolerance go into ``ERROR``, margins at the end into row END.
     """
     r = m.r
-    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.scalars, OMEGA)
+    h, begin, Omega = take(r.progress, TRIED), begin_phase(m), take(m.scalars, OMEGA)
     for i in range(1, 7):
         for k in range(r.z.shape[0]):
             moved = load(r.slope, 0, k) * A[i, 0]
             for j in range(1, i):
                 moved = fma(load(r.slope, j, k), A[i, j], moved)
             store(r.y, i, k, fma(h, moved, load(r.y, 0, k)))
-        give(r.lane, NOW, fma(h * Omega, NODE[i], begin))
+        give(r.progress, NOW, fma(h * Omega, NODE[i], begin))
         slope_of(m, r.y[i], r.slope[i], False)
         for j in range(m.w.x.shape[0]):
-            store(r.hold, i, j, hold_of(m, j))
+            store(r.clamp_shift, i, j, clamp_shift_of(m, j))
     worst = h * 0.0
     for k in range(r.z.shape[0]):
         off = load(r.slope, 0, k) * SHARES[0]
@@ -66,7 +66,7 @@ def attempt(m):
         size = most(absolute(load(r.y, 0, k)), absolute(load(r.y, 6, k)))
         off = absolute(h * off) / (size + 1.0)
         worst = choose((off > worst) | without(off == off), off, worst)
-    give(r.lane, ERROR, worst / TOLERANCE)
+    give(r.progress, ERROR, worst / TOLERANCE)
     margins(m, END)
 
 
@@ -79,16 +79,16 @@ def margins(m, row):
     zero, unit = length * 0.0, length * 0.0 + 1.0
     for j in range(n):
         x, b = take(w.plain, j) + load(w.law, SHIFT, j), load(w.law, PLAY, j)
-        v, side = take(w.v, j), take(w.side, j)
+        v, contact_state = take(w.v, j), take(w.contact_state, j)
         up = (x > zero) | ((x == zero) & (v > zero))
         outward = choose(up, unit, zero - unit)
-        is_open = side == zero
-        gap = choose(is_open, b - absolute(x), side * x - b)
-        pace = choose(is_open, zero - outward * v, side * v)
-        store(r.gap, row, j, gap * length)
-        store(r.pace, row, j, pace * rate)
+        is_open = contact_state == zero
+        margin = choose(is_open, b - absolute(x), contact_state * x - b)
+        margin_rate = choose(is_open, zero - outward * v, contact_state * v)
+        store(r.margin, row, j, margin * length)
+        store(r.margin_rate, row, j, margin_rate * rate)
         sign = take(r.sign, j) * take(w.force, j) * newton if m.reacts else unit
-        store(r.gap, row, n + j, sign)
+        store(r.margin, row, n + j, sign)
 
 
 @called
@@ -114,8 +114,8 @@ def difference(m, y, v, dv):
 def carry(m):
     """Advance the tangent in place in every lane that accepts the step it tried."""
     r, w = m.r, m.w
-    h, begin, Omega = take(r.lane, TRIED), begin_phase(m), take(m.scalars, OMEGA)
-    taken = take(r.lane, TAKEN) == 1.0
+    h, begin, Omega = take(r.progress, TRIED), begin_phase(m), take(m.scalars, OMEGA)
+    taken = take(r.progress, TAKEN) == 1.0
     for i in range(6):
         for k in range(r.z.shape[0]):
             moved = h * 0.0
@@ -123,8 +123,8 @@ def carry(m):
                 moved = fma(load(r.along, j, k), A[i, j], moved)
             give(r.direction, k, fma(h, moved, load(r.tangent, 0, k)))
         for j in range(w.x.shape[0]):
-            give(w.hold, j, load(r.hold, i, j))
-        give(r.lane, NOW, fma(h * Omega, NODE[i], begin))
+            give(w.clamp_shift, j, load(r.clamp_shift, i, j))
+        give(r.progress, NOW, fma(h * Omega, NODE[i], begin))
         difference(m, r.y[i], r.direction, r.along[i])
     for k in range(r.z.shape[0]):
         moved = h * 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +12,9 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import mean_stiffness
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.body_motion import body_loads
-from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, waves_of
+from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import WindowSolution, evaluated, symmetric_starts
 from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
@@ -65,7 +65,7 @@ class ForcedWindows:
         property of recorded x, which windows don't use.
         """
         s = self.windows
-        w = waves(s.run.model, s.phase - s.run.delay_rad, s.run.omega_rad_per_s)
+        w = replace(s.run, e_share=1.0).waves_at(s.phase)
         return w.k, w.e, w.e_rate
 
     def forcing(
@@ -101,7 +101,8 @@ class ForcedWindows:
     def motion(self, states: Array, phase: Array) -> MeshMotion:
         """Mesh motion at states (n, 18) and mesh phases (n,) [rad], without forces and noise."""
         s, m = self.windows, self.model
-        w = waves(m, phase - s.run.delay_rad, s.run.omega_rad_per_s)
+        waves_at = replace(s.run, e_share=1.0).waves_at  # see ``_nominal``
+        w = waves_at(phase)
         half = STATES // 2
         n, meshes = len(states), m.layout.n_mesh
         nothing = np.zeros(meshes)
@@ -120,7 +121,7 @@ class ForcedWindows:
             w.k,
             w.e,
             w.e_rate,
-            waves_of(m, s.run.omega_rad_per_s, s.run.delay_rad),
+            waves_at,
             mean_stiffness(m.parameters),
             m.damping_n_s_per_m,
             m.half_backlash_m,

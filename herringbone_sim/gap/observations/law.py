@@ -10,16 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.core.model import mean_stiffness
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.data.waves import Waves, waves
+from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.fusion import Fused
 
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
@@ -83,29 +82,11 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
         k=run.waves.k[at],
         e=run.waves.e[at],
         e_rate=run.waves.e_rate[at],
-        waves_at=waves_of(run.model, run.omega_rad_per_s, run.delay_rad, run.e_share),
+        waves_at=run.waves_at,
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,
     )
-
-
-def waves_of(
-    model: Model, omega: float, late: float, e_share: float = 1.0
-) -> Callable[[Array], Waves]:
-    """Return a function from mesh phases (n,) [rad] to nominal waves, delayed by ``late`` [rad].
-
-    ``e_share``: factor on the harmonics of e(t).
-    """
-    return partial(_waves, model, omega, late, e_share)
-
-
-def _waves(model: Model, omega: float, late: float, e_share: float, phase: Array) -> Waves:
-    """Nominal waves at mesh phases (n,) [rad], delayed by the angle ``late`` [rad].
-
-    ``omega``: mesh frequency [rad/s]; ``e_share``: factor on the harmonics of e(t), not its mean.
-    """
-    return waves(model, phase - late, omega, e_share)
 
 
 @dataclass

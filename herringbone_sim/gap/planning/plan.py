@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -187,7 +187,7 @@ def _teeth(gear: Gear) -> list[Event]:
 def _detectability(
     i: int, hypotheses: Sequence[Hypothesis], information: Information, by_density: bool
 ) -> Detectability:
-    """Detectability of hypothesis i by the judge; for ``by_density`` see ``_candidate``."""
+    """Detectability of hypothesis i by the judge; for ``by_density`` see ``_probabilities``."""
     h = hypotheses[i]
     rivals = _rivals(i, hypotheses, information.left[i])
 
@@ -257,22 +257,24 @@ def _probabilities(
         hypotheses: all hypotheses.
         rivals: indices of the hypotheses that compete with it.
         information: of all hypotheses.
-        by_density: see ``_candidate``.
+        by_density: whether a diagnosis compares explanations by density, see ``Score.loss``.
 
     Returns:
         Probability by id (``none``, ``unknown``, and effects alone or with something unknown
         beside them), and probability of the true place, given the true effect.
     """
     h, count = hypotheses[i], information.count
-    candidate_of = partial(_candidate, count=count, by_density=by_density)
-    none = candidate_of((), Locus(), count + information.seen(i, size), 0)
-    true_candidate = candidate_of((h.effect,), h.locus, count + h.n_own, h.n_own)
-    others = [
-        candidate_of(
-            (r.effect,), r.locus, count + information.left_at(i, j, size) + r.n_own, r.n_own
-        )
-        for j, r in ((j, hypotheses[j]) for j in rivals)
-    ]
+
+    def candidate(of: Hypothesis | None, more: float) -> Candidate:
+        """Of a hypothesis or none, with ``more`` chi2 than noise leaves, without strain."""
+        effects, places = ((), ()) if of is None else ((of.effect,), (str(of.locus),))
+        n_own = 0 if of is None else of.n_own
+        chi2 = count + more + n_own
+        density = -0.5 * chi2 if by_density else None
+        return Candidate(effects, places, chi2, chi2, n_own, 0.0, chi2 / count, density)
+
+    none, true_candidate = candidate(None, information.seen(i, size)), candidate(h, 0.0)
+    others = [candidate(hypotheses[j], information.left_at(i, j, size)) for j in rivals]
     singles = sorted((true_candidate, *others), key=lambda c: c.chi2)
     judged = chances(Evidence(count, (none, *singles), {}, {}))
     total: dict[str, float] = {}
@@ -281,22 +283,3 @@ def _probabilities(
         total[name] = total.get(name, 0.0) + chance.probability
     place = sum(chance.probability for chance in judged if chance.candidate is true_candidate)
     return total, place / max(total[h.effect], 1e-300)
-
-
-def _candidate(
-    effects: tuple[str, ...],
-    locus: object,
-    chi2: float,
-    size: int,
-    count: float,
-    by_density: bool,
-) -> Candidate:
-    """Candidate for the judge with given ``chi2`` and ``size`` coefficients, without strain.
-
-    Args:
-        count: number of whitened values.
-        by_density: whether a diagnosis compares explanations by density, see ``Score.loss``.
-    """
-    places = (str(locus),) * len(effects)
-    density = -0.5 * chi2 if by_density else None
-    return Candidate(effects, places, chi2, chi2, size, 0.0, chi2 / count, density)

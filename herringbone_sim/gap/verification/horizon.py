@@ -104,7 +104,7 @@ def largest_exponent(
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
     cycles = max(int(run.cycles), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
-    effect_states = np.zeros((2, simulator.laws.n_own))
+    effect_states = np.zeros((2, simulator.laws.n_added_states))
     tangent = rng.normal(size=2 * m)
     growth = np.empty(cycles)
     tangent *= SEPARATION / np.linalg.norm(tangent)
@@ -128,19 +128,19 @@ def largest_exponent(
 def states_of_effects(
     run: PreparedRun, fused: Fused, simulator: GearSimulator, starts: Indices
 ) -> Array:
-    """Integrate the states of effects along a run; return them at ``starts``, (s, n_own).
+    """Integrate the states of effects along a run; return them at ``starts``, (s, n_added_states).
 
     They are driven by the measured forces, or those of the nominal law where none are measured.
     """
-    n_own = simulator.laws.n_own
-    result = np.zeros((len(starts), n_own))
-    if not n_own:
+    n_added_states = simulator.laws.n_added_states
+    result = np.zeros((len(starts), n_added_states))
+    if not n_added_states:
         return result
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
     now = instants(run)
-    own, before = np.zeros(n_own), 0
-    work, gear = scratch(simulator.model, n_own), gear_table(simulator.model)
+    own, before = np.zeros(n_added_states), 0
+    work, gear = scratch(simulator.model, n_added_states), gear_table(simulator.model)
     with pointers_allowed():
         for i, start in enumerate(starts):
             rows = slice(before, start + 1)
@@ -180,7 +180,7 @@ def _predict(
         z, z_rate: (n, n_coordinate) measured motion [m], [m/s], which holds the initial states.
         simulator: of the model.
         horizon: start samples and length.
-        effect_states: (s, n_own) at the starts.
+        effect_states: (s, n_added_states) at the starts.
     """
     at = horizon.starts
     simulated = simulator.run(

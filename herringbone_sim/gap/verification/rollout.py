@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.law import PHASE, law
-from herringbone_sim.effects.run import at_instant, slope_of
+from herringbone_sim.effects.run import forces_of_state, slope_of
 
 
 @law
@@ -13,7 +13,7 @@ def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, stat
 
     Args:
         e, site, theta: compiled laws of the effects, their loci and parameters, see ``Laws``.
-        gear, p, si: ``gear_table``, packed model and SI scales, see ``effects.run.at_instant``.
+        gear, p, si: ``gear_table``, packed model and SI scales, see ``run.forces_of_state``.
         now: (5,) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m] and K; the phase is
             overwritten.
         y: (s, size) initial states, dimensionless, then states of effects; overwritten.
@@ -29,7 +29,7 @@ def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, stat
         for k in range(samples):
             at = phase[i] + k * parts * h * p.Omega
             now[PHASE] = TWO_PI * cycle[i] + at
-            at_instant(e, site, theta, gear, p, si, now, y[i], w, g)
+            forces_of_state(e, site, theta, gear, p, si, now, y[i], w, g)
             for j in range(y.shape[1]):
                 states[i, k, j] = y[i, j]
             for m in range(w.force.size):

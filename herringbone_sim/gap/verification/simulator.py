@@ -39,7 +39,7 @@ class SimulatedRuns:
     Attributes:
         z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
         force_n: (s, k, n_mesh) [N].
-        own: (s, k, n_own) states of effects.
+        own: (s, k, n_added_states) states of effects.
     """
 
     z: Array
@@ -61,13 +61,13 @@ class GearSimulator:
         self.model = model
         self.laws = laws(model, actives)
         self._gear = gear_table(model)
-        self._w = scratch(model, self.laws.n_own)
-        n, size = layout.n_mesh, layout.n_state + self.laws.n_own
+        self._w = scratch(model, self.laws.n_added_states)
+        n, size = layout.n_mesh, layout.n_state + self.laws.n_added_states
         x, v, scaled = np.zeros((3, n))
         self._g = _Scratch(x, v, scaled, np.zeros(size), np.zeros((4, size)), s.projection)
         force = s.b_c * s.omega_n**2 / s.projection
-        tilt = s.b_c / s.cos_beta
-        self._si = np.array([s.b_c, s.velocity_m_per_s, force, tilt, s.omega_n], dtype=float)
+        u_unit = s.b_c / s.cos_beta
+        self._si = np.array([s.b_c, s.velocity_m_per_s, force, u_unit, s.omega_n], dtype=float)
         self._unit = np.repeat([s.b_c, s.velocity_m_per_s], layout.n_coordinate)
 
     def run(
@@ -86,10 +86,14 @@ class GearSimulator:
             phase: (s,) initial mesh phase [rad], unwrapped.
             turn: mesh phase per sample [rad].
             samples: number of samples of each motion.
-            own: (s, n_own) initial states of effects; None: zero.
+            own: (s, n_added_states) initial states of effects; None: zero.
         """
-        p, n_own, m = self.model.parameters, self.laws.n_own, self.model.layout.n_coordinate
-        own = np.zeros((len(z), n_own)) if own is None else own
+        p, n_added_states, m = (
+            self.model.parameters,
+            self.laws.n_added_states,
+            self.model.layout.n_coordinate,
+        )
+        own = np.zeros((len(z), n_added_states)) if own is None else own
         y = np.ascontiguousarray(np.hstack([np.hstack([z, z_rate]) / self._unit, own]))
         cycle = np.floor(phase / TWO_PI)
         parts = math.ceil(STEPS * max(1.0, 1.0 / p.Omega) * turn / TWO_PI)

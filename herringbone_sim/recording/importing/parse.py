@@ -9,7 +9,13 @@ from typing import Any
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import HerringboneError, RecordingError, listed, shown
-from herringbone_sim.recording.campaign import POINT, ROLES, noise_share, sensor_values
+from herringbone_sim.recording.campaign import (
+    MOST_OF_A_NAME,
+    POINT,
+    ROLES,
+    noise_share,
+    sensor_values,
+)
 from herringbone_sim.recording.importing.entry import Entry
 from herringbone_sim.recording.importing.spec import (
     ChannelSpec,
@@ -58,6 +64,9 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     """Check the parsed YAML of a spec in ``folder``."""
     known = ("rig", "nominal", "phase", "files", "runs", "noise", "sensors")
     top = Entry(content, "", known)
+    rig = top.text("rig")
+    if len(rig) > MOST_OF_A_NAME:
+        raise top.wrong("rig", f"a text of at most {MOST_OF_A_NAME} characters", rig)
     nominal = load_parameters(folder / top.text("nominal")) if "nominal" in top else Parameters()
     nominal = nominal.changed({"model": "full"})
     shaft, offset = _phase(top.take("phase"))
@@ -75,7 +84,7 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     # Checked before a run is read; both go to campaign.yaml as they stand.
     noise_share("the spec", noise)
     sensor_values("the spec", sensors)
-    return ImportSpec(top.text("rig"), nominal, shaft, offset, runs, noise, sensors)
+    return ImportSpec(rig, nominal, shaft, offset, runs, noise, sensors)
 
 
 def _phase(value: Any) -> tuple[str, float]:

@@ -167,8 +167,8 @@ def start(recording: Any, name: str, command: list[str], address: str, port: int
         end_process(process, STALL_S)
         errors.close()
         raise
-    processes = (None, process) if serves else (process, None)
-    return replace(sink, viewer=processes[0], server=processes[1], errors=errors)
+    viewer, server = (None, process) if serves else (process, None)
+    return replace(sink, viewer=viewer, server=server, errors=errors)
 
 
 def end_process(process: subprocess.Popen[bytes], timeout_s: float) -> None:
