@@ -15,7 +15,7 @@ from benchmarks.effects import best, gear
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.parameters import ParameterWarning
-from herringbone_sim.core.sensitivity import Directions
+from herringbone_sim.core.sensitivity import Direction, Directions
 from herringbone_sim.effects.sensitivity import directions
 
 NAMES = ("delta_T", "xi", "T_1", "k_factor[0]", "e_m", "mean_stiffness@rp:factor")
@@ -34,9 +34,13 @@ def row(text: str, kind: str) -> tuple[list[float], list[float]]:
         start = replace(stepper.start(tangents), y=y, cycle=CYCLES)
         times.append(best(lambda s=stepper, b=start: s.advance(b, n), ROUNDS) / CYCLES)
     starts, lanes = np.tile(y, (VALUES, 1)), []
-    for one, tangent in ((model, False), (model, True), (Directions(model, wanted), False)):
-        models = [one] * VALUES
-        went = best(lambda m=models, t=tangent: run_batch(m, starts, 0, CYCLES, 1, t), ROUNDS)
+    for along, tangent in (([], False), ([], True), (wanted, False)):
+
+        def run(along: list[Direction] = along, tangent: bool = tangent) -> None:
+            gears = [Directions(model, along) if along else model for _ in range(VALUES)]
+            run_batch(gears, starts, 0, CYCLES, 1, tangent)
+
+        went = best(run, ROUNDS)
         lanes.append(went / VALUES / CYCLES)
     return apart(times), apart(lanes)
 

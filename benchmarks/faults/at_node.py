@@ -122,9 +122,9 @@ class Target:
         while time.monotonic() < end and not all(future.done() for future in futures):
             self.executor.spin_once(timeout_sec=0.05)
 
-    def ask(self, kind: Any, name: str, about: list[str], seconds: float = HANG_S) -> Any:
-        """Answer of a parameter service; None when there is none in time."""
-        end = time.monotonic() + seconds
+    def ask(self, kind: Any, name: str, about: list[str], seconds: float | None = None) -> Any:
+        """Answer of a parameter service; None when there is none in time (``HANG_S``)."""
+        end = time.monotonic() + (HANG_S if seconds is None else seconds)
         self.services.setdefault(name, self.client.create_client(kind, f"{NODE}/{name}"))
         while not self.services[name].service_is_ready() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)

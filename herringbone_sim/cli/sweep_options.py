@@ -54,7 +54,7 @@ class SweepOptions:
     chunk: Annotated[
         Count | None,
         f"values computed and stored together (default: {CHUNK}; {SMALL_CHUNK} in a continuation, "
-        "and with effects that only their own laws describe, which are slower)",
+        "and for a gear that is integrated by the laws of its effects, which is slower)",
     ] = None
     workers: Annotated[Count | None, limits(gte=1), "cores of this machine (default: all)"] = None
     scheduler: Scheduler = None

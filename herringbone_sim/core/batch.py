@@ -121,9 +121,15 @@ def run_batch(
             that does not repeat every mesh cycle, as of effects once a revolution.
 
     Raises:
-        ValueError: the models differ in layout, order or method, or the lengths are invalid.
+        ValueError: the models differ in layout, order or method, some but not all of them are
+            ``Directions``, or the lengths are invalid.
     """
     along = [one for one in models if isinstance(one, Directions)]
+    if along and len(along) < len(models):
+        raise ValueError(
+            f"a batch takes models or Directions, got {len(along)} Directions among "
+            f"{len(models)}: run one batch for each"
+        )
     models = [one.model if isinstance(one, Directions) else one for one in models]
     _check(models, transient, cycles, points)
     layout = models[0].layout

@@ -142,7 +142,7 @@ def length(v):
 
 @called
 def difference(m, cycle, phase, y, v, dv):
-    """Write the derivative of the slope at y along v to dv; ``clamp_shift`` moves deflections."""
+    """Write the slope's derivative at y along v to dv; ``w.clamp_shift`` moves deflections."""
     r, size = m.r, length(v)
     for k in range(v.size):
         dv[k] = 0.0

@@ -214,7 +214,7 @@ class Scratch(NamedTuple):
 
 
 def scratch(model: Model, n_added_states: int) -> Scratch:
-    """Return zeroed work arrays for a model and states of effects; all meshes FREE."""
+    """Return zeroed work arrays for a model with ``n_added_states``; all meshes FREE."""
     n = model.layout.n_mesh
     sizes = ((5, n), n, n, n, len(model.layout.bodies), n, n_added_states, (4, n_added_states), n)
     free = np.full(n, FREE, dtype=np.int64)

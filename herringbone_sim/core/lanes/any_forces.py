@@ -62,7 +62,7 @@ def power_of(w, out, i, a, row):
 
 @called
 def set_factors(w):
-    """Set the factors ``own.factor`` of the force law of every mesh in its present contact.
+    """Set the factors ``nonlinear.factor`` of the force law of every mesh in its present contact.
 
     The linear law does the same work up to ``LINEAR_BELOW`` as the law that it replaces.
     """

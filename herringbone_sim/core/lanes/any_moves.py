@@ -198,7 +198,8 @@ def law_force(w, a, lane, k, x, v):
 def meet(w):
     """Store deflection, its rate and stiffness of every mesh at a switch that ends a move.
 
-    They are in rows END and END_SLOPE and in ``own.met``, as tangent vectors overwrite the series.
+    They are in rows END and END_SLOPE and in ``nonlinear.met``, as tangent vectors overwrite the
+    series.
     """
     order, n = w.x.shape[0], w.k.shape[1]
     x, v = (

@@ -107,7 +107,7 @@ def expand_nonlinear_motion(unrolled, w, controlled, inverse):
 def expand_derivatives(w):
     """Compute the series of the derivatives of all forces by deflections and rates.
 
-    They are ``stiffness_by_x``, ``damping_by_v`` and ``seat_stiffness`` in ``w.nonlinear``, for
+    They are ``force_by_x``, ``force_by_v`` and ``seat_stiffness`` in ``w.nonlinear``, for
     tangent vectors.
     """
     o, row = w.nonlinear, law_row(w)
@@ -122,10 +122,10 @@ def expand_derivatives(w):
         exponent, power = load(w.constants, row + EXPONENT, a), load(w.constants, row + POWER, a)
         strength = exponent * load(o.factor, STRENGTH, a)
         for i in range(last + 1):
-            damping_by_v = 0.0
-            stiffness_by_x = straight * load(w.k, i, a)
+            force_by_v = 0.0
+            force_by_x = straight * load(w.k, i, a)
             if i == 0:
-                damping_by_v = c * load(o.factor, LINEAR_DAMPER, a)
+                force_by_v = c * load(o.factor, LINEAR_DAMPER, a)
             if some and bends_spring(w, a):
                 # |f|^(p - 1), by division of the series of |f|^p by that of |f|
                 less = quotient(o, o.spring_power, i, a)
@@ -133,14 +133,12 @@ def expand_derivatives(w):
                 bent = 0.0
                 for j in range(i + 1):
                     bent = fma(load(w.k, j, a), load(o.power_over_depth, i - j, a), bent)
-                stiffness_by_x = choose(deep, strength * bent, stiffness_by_x)
+                force_by_x = choose(deep, strength * bent, force_by_x)
             if some and bends_damper(w, a):
                 rest = c * (1.0 - load(w.constants, row + DAMPING_SHARE, a)) if i == 0 else 0.0
-                damping_by_v = choose(
-                    deep, fma(share, load(o.damper_power, i, a), rest), damping_by_v
-                )
-            store(o.stiffness_by_x, i, a, stiffness_by_x)
-            store(o.damping_by_v, i, a, damping_by_v)
+                force_by_v = choose(deep, fma(share, load(o.damper_power, i, a), rest), force_by_v)
+            store(o.force_by_x, i, a, force_by_x)
+            store(o.force_by_v, i, a, force_by_v)
         if some and bends_damper(w, a):
             for i in range(last + 1):
                 less = quotient(o, o.damper_power, i, a)
@@ -149,7 +147,7 @@ def expand_derivatives(w):
                 for j in range(i + 1):
                     more = fma(load(o.rate, j, a), load(o.power_over_depth, i - j, a), more)
                 more = choose(deep, contact * share * power * more, 0.0)
-                store(o.stiffness_by_x, i, a, load(o.stiffness_by_x, i, a) + more)
+                store(o.force_by_x, i, a, load(o.force_by_x, i, a) + more)
     p, g = w.q.shape[0], o.corner
     for j in range(w.sizes[4]):
         b = w.k.shape[1] + j
@@ -186,8 +184,8 @@ def expand_nonlinear_tangent(unrolled, w, row, coupled, inverse):
         for a in range(w.k.shape[1]):
             total = 0.0
             for j in range(i + 1):
-                total = fma(load(o.stiffness_by_x, j, a), load(w.x, i - j, a), total)
-                total = fma(load(o.damping_by_v, j, a), load(o.rate, i - j, a), total)
+                total = fma(load(o.force_by_x, j, a), load(w.x, i - j, a), total)
+                total = fma(load(o.force_by_v, j, a), load(o.rate, i - j, a), total)
             store(w.forces, i, a, total)
         for j in range(w.sizes[4]):
             a = w.k.shape[1] + j

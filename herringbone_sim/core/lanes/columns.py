@@ -48,7 +48,7 @@ class Neighbours(NamedTuple):
     excites: Flags  # (p,) whether k, e or the loads of any model differ between the neighbours
     columns: Array  # (p, n_state, LANES) present columns, advanced in place
     more: Array  # (p, n_state, LANES) change of the end of a move by each parameter alone
-    border_shift: Array  # (p, n_mesh, LANES) of the border that a mesh meets, by each parameter
+    border_shift: Array  # (p, n_mesh, LANES) change of the border that a mesh meets
     pair: Array  # (1, n_state, LANES) end state of the neighbour on the plus side
     work: Work  # work arrays of the neighbours
 

@@ -118,8 +118,8 @@ class NonlinearWork(NamedTuple):
     damper_power: Array  # (p + 1, n) series of |f| to the exponent of the damping's law
     spring: Array  # (p + 1, n) series of the spring's part of the force over k
     damper: Array  # (p + 1, n) series of the factor on c v
-    stiffness_by_x: Array  # (p + 1, n) series of the derivative of the mesh force by x
-    damping_by_v: Array  # (p + 1, n) series of the derivative of the mesh force by its rate
+    force_by_x: Array  # (p + 1, n) series of the derivative of the mesh force by x
+    force_by_v: Array  # (p + 1, n) series of the derivative of the mesh force by v
     factor: Array  # (4, n) on f and c v where the law is replaced by a linear one; on the powers
     seat_stiffness: Array  # (p + 1, s) series of the derivative of the seats' forces by x
     corner: Array  # (6 (p + 1), s) series of both rounded corners of the play of seats
@@ -181,8 +181,8 @@ def make_work(
             damper_power=zeros(q, n_mesh),
             spring=zeros(q, n_mesh),
             damper=zeros(q, n_mesh),
-            stiffness_by_x=zeros(q, n_mesh),
-            damping_by_v=zeros(q, n_mesh),
+            force_by_x=zeros(q, n_mesh),
+            force_by_v=zeros(q, n_mesh),
             factor=zeros(4, n_mesh),
             seat_stiffness=zeros(q, sizes.added),
             corner=zeros(6 * q, sizes.added),

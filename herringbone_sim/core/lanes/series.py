@@ -2,8 +2,8 @@
 
 Between two switches of contact the model is linear with periodic coefficients, so the series
 follows from a short recurrence: the stiffness series times the deflection series (a Cauchy product
-per mesh), then Newton's law. Arguments: see ``lanes.packed``; ``interval_angle`` is that of
-a harmonic per interval.
+per mesh), then Newton's law. Arguments: see ``lanes.packed``; ``interval_angle`` is an angle
+per interval: of the mesh phase, in ``expand_scale`` and ``expand_control`` of a harmonic.
 
 Over 300 lines: the series of the excitation and of the motion are one recurrence.
 """

@@ -145,13 +145,13 @@ def fill(
     pins = np.flatnonzero(rows[MASS, : mask.size // 2])
     held = rows[MASK] != 0.0
     here = np.array([held & (rows[PIN] == pin) for pin in pins], dtype=float)
-    mass, share, cos_beta = rows[MASS, pins], rows[MULTIPLICITY, pins], rows[COS_BETA, 0]
-    free = rows[CARRIER, 0] - np.sum(share * mass)
+    mass, multiplicity, cos_beta = rows[MASS, pins], rows[MULTIPLICITY, pins], rows[COS_BETA, 0]
+    free = rows[CARRIER, 0] - np.sum(multiplicity * mass)
     # Acceleration of the carrier without its free pins: by mesh forces, seats and other loads.
     by_mesh = rows[MULTIPLICITY] * cos_beta * ~held / free
-    by_seat, by_load = share / free, -rows[BRAKE, 0] * T_1 / free
+    by_seat, by_load = multiplicity / free, -rows[BRAKE, 0] * T_1 / free
     by_control = rows[DRIVE, 0] / free
-    inertia = np.sum(share * mass)
+    inertia = np.sum(multiplicity * mass)
     carrier = np.eye(bodies)[2]
     width = theta[SOFTNESS] * theta[CLEARANCE]
     seats = [
@@ -166,7 +166,7 @@ def fill(
             load=np.full(len(pins), -by_load),
             control=np.full(len(pins), -by_control),
             body_force=np.outer(inertia * by_mesh - rows[MULTIPLICITY] * cos_beta * held, carrier),
-            body_hold=np.outer(share + inertia * by_seat, carrier),
+            body_hold=np.outer(multiplicity + inertia * by_seat, carrier),
             body_load=inertia * by_load * carrier,
             body_control=inertia * by_control * carrier,
         )

@@ -84,9 +84,9 @@ def friction_arms(
     for m in np.flatnonzero(mask):
         g = rows[COS_BETA, m]
         driver = m // planets if m < half else 3 + m - half
-        share = rows[MULTIPLICITY, m] if m < half else 1.0
-        constant[m, driver] -= share * g * rows[TAN, m]
-        lever[m, driver] -= share * g * rows[DRIVER_ARM, m]
+        multiplicity = rows[MULTIPLICITY, m] if m < half else 1.0
+        constant[m, driver] -= multiplicity * g * rows[TAN, m]
+        lever[m, driver] -= multiplicity * g * rows[DRIVER_ARM, m]
         if m < half:
             constant[m, 3 + m] += g * rows[TAN, m]
             lever[m, 3 + m] -= g * rows[DRIVEN_ARM, m]

@@ -50,7 +50,7 @@ class LaneGear(NamedTuple):
     scalars: Array  # (rows, l) one number a gear, rows as above
     now: Array  # (5, l)
     unit: Array  # (s, l) as in ``dormand_prince.Gear``
-    lane_constants: LawConstants  # constants for laws that are not written for lanes
+    single_constants: LawConstants  # constants for laws that are not written for lanes
     single: Single
     w: LaneScratch
     r: LaneTrial
@@ -145,7 +145,7 @@ def lane_gear(
         now=views[2 * k + 1],
         scalars=views[2 * k + 2],
         unit=views[2 * k + 3],
-        lane_constants=mine,
+        single_constants=mine,
         single=_single(n, n_added_states, template.w.torque.size),
         w=_scratch(n, template.w.torque.size),
         r=_trial(n, s, tangents),

@@ -66,7 +66,7 @@ def begin_piece(m, lane):
     """Begin a piece in a lane: up to the next edge known in advance or the end of a grid step."""
     at, Omega = m.r.progress, m.scalars[OMEGA, lane]
     phase, left = at[PIECE_START, lane], at[GRID_LEFT, lane]
-    piece_length = to_edge(m.lane_constants.events[lane], Omega, at[CYCLE, lane], phase)
+    piece_length = to_edge(m.single_constants.events[lane], Omega, at[CYCLE, lane], phase)
     if piece_length > left - RESIDUE:
         piece_length = left
     middle = phase + 0.5 * piece_length * Omega
@@ -167,14 +167,14 @@ def copy(of, to):
 @called
 def take_value(m, queue, lane, value):
     """Load a value of the queue into a lane and begin its first grid step, at phase 0."""
-    r, lane_constants, table = m.r, m.lane_constants, queue.table
+    r, single_constants, table = m.r, m.single_constants, queue.table
     copy(table.flat[value], m.flat[:, lane])
-    for i in range(len(lane_constants.theta)):
-        copy(table.theta[i][value], lane_constants.theta[i][lane])
-        copy(table.site[i][value], lane_constants.site[i][lane])
-    copy(table.gear[value], lane_constants.gear[lane])
-    copy(table.now[value], lane_constants.now[lane])
-    copy(table.events[value], lane_constants.events[lane])
+    for i in range(len(single_constants.theta)):
+        copy(table.theta[i][value], single_constants.theta[i][lane])
+        copy(table.site[i][value], single_constants.site[i][lane])
+    copy(table.gear[value], single_constants.gear[lane])
+    copy(table.now[value], single_constants.now[lane])
+    copy(table.events[value], single_constants.events[lane])
     copy(queue.starts[value], r.y[0, :, lane])
     copy(queue.frame, r.tangent[:, :, lane])
     r.counters[:, lane], r.progress[GROWN, lane], r.sign[:, lane] = 0, 0.0, 1.0

@@ -15,9 +15,8 @@ LOW, HIGH, LAST, COUNT = range(12, 16)  # bracket around an edge, last trial, nu
 # See ``decide``; stage 0: 0 valid, 1 contact may switch, 2 piece begins; whether step is accepted.
 MODE, STALE, TAKEN = range(16, 19)
 GROWN = 19  # whether the motion has diverged
-NOW, SWITCH_RATE, JUMPS = range(
-    20, 23
-)  # phase evaluated; margin rate at a switch; see ``see_jumps``
+# Phase evaluated; margin rate at a switch; see ``see_jumps``.
+NOW, SWITCH_RATE, JUMPS = range(20, 23)
 ROWS = 23
 
 # Rows of ``counters``: index of the value or -1, cycles done, grid step, mesh that switched or -1.

@@ -88,16 +88,16 @@ def excite_singly(m, i, first, last):
 
     ``first`` and ``last`` delimit its states among those of all effects.
     """
-    single, w, lane_constants = m.single, m.w, m.lane_constants
+    single, w, single_constants = m.single, m.w, m.single_constants
     for lane in range(LANES):
         for row in range(5):
             for j in range(w.x.shape[0]):
                 single.law[lane, row, j] = w.law[row, j, lane]
         m.e.excite[i](
-            lane_constants.theta[i][lane],
-            lane_constants.site[i][lane],
-            lane_constants.gear[lane],
-            lane_constants.now[lane],
+            single_constants.theta[i][lane],
+            single_constants.site[i][lane],
+            single_constants.gear[lane],
+            single_constants.now[lane],
             single.added_states[lane, first:last],
             single.law[lane],
         )
@@ -110,7 +110,7 @@ def excite_singly(m, i, first, last):
 @called
 def react_singly(m, i, first, last):
     """Call ``react`` of effect i for one lane after another, see ``excite_singly``."""
-    single, w, lane_constants = m.single, m.w, m.lane_constants
+    single, w, single_constants = m.single, m.w, m.single_constants
     n, bodies = w.x.shape[0], w.torque.shape[0]
     for lane in range(LANES):
         for j in range(n):
@@ -121,10 +121,10 @@ def react_singly(m, i, first, last):
         for k in range(bodies):
             single.torque[lane, k] = w.torque[k, lane]
         m.e.react[i](
-            lane_constants.theta[i][lane],
-            lane_constants.site[i][lane],
-            lane_constants.gear[lane],
-            lane_constants.now[lane],
+            single_constants.theta[i][lane],
+            single_constants.site[i][lane],
+            single_constants.gear[lane],
+            single_constants.now[lane],
             single.added_states[lane, first:last],
             single.x[lane],
             single.v[lane],
@@ -144,15 +144,15 @@ def drive_singly(m, i, first, last, dy):
 
     ``dy`` (states of all effects, lanes) is in SI units.
     """
-    single, lane_constants = m.single, m.lane_constants
+    single, single_constants = m.single, m.single_constants
     for lane in range(LANES):
         for j in range(m.w.x.shape[0]):
             single.force[lane, j] = m.w.force[j, lane]
         m.e.drive[i](
-            lane_constants.theta[i][lane],
-            lane_constants.site[i][lane],
-            lane_constants.gear[lane],
-            lane_constants.now[lane],
+            single_constants.theta[i][lane],
+            single_constants.site[i][lane],
+            single_constants.gear[lane],
+            single_constants.now[lane],
             single.added_states[lane, first:last],
             single.force[lane],
             single.slope[lane, first:last],
@@ -165,7 +165,7 @@ def drive_singly(m, i, first, last, dy):
 def tell_singly(m):
     """Copy phase and effects' states to the arrays of laws that are not written for lanes."""
     for lane in range(LANES):
-        m.lane_constants.now[lane, PHASE] = m.now[PHASE, lane]
+        m.single_constants.now[lane, PHASE] = m.now[PHASE, lane]
         for k in range(m.single.added_states.shape[1]):
             m.single.added_states[lane, k] = m.r.z[m.n_state + k, lane]
 

@@ -13,7 +13,8 @@ def roll(e, site, theta, gear, p, si, now, y, cycle, phase, h, parts, w, g, stat
 
     Args:
         e, site, theta: compiled laws of the effects, their loci and parameters, see ``Laws``.
-        gear, p, si: ``gear_table``, packed model and SI scales, see ``run.forces_of_state``.
+        gear, p, si: ``gear_table``, packed model and SI scales, see
+            ``effects.run.forces_of_state``.
         now: (5,) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m] and K; the phase is
             overwritten.
         y: (s, size) initial states, dimensionless, then states of effects; overwritten.
