@@ -17,6 +17,7 @@ from herringbone_sim.core.model import build, relative
 from herringbone_sim.core.packed import LIMIT
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.sensitivity import Directions
+from herringbone_sim.effects.sensitivity import directions
 from herringbone_sim.recording.parameter_file import load_parameters
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -199,7 +200,7 @@ def test_models_of_several_layouts_are_refused():
     with pytest.raises(ValueError, match="one layout"):
         run_batch([paper(), paper(model="full")])
     with pytest.raises(ValueError, match="got 1 Directions among 2"):
-        run_batch([Directions(paper(), []), paper()])
+        run_batch([Directions(*directions(paper(), ("xi",))), paper()])
 
 
 def test_mirror_exchanges_the_halves():
