@@ -200,9 +200,9 @@ def print_reference() -> None:
         ]
         begin = replace(machine.start(), y=start, cycle=first)
         found = machine.advance(begin, CYCLES * model.parameters.samples_per_cycle)
-        own = Reference(model, actives).n_added_states
-        wanted = integrate(model, actives, in_si(model, start, own), first, CYCLES)
-        error = float(np.abs(in_si(model, found.end.y, own)[:n] - wanted[:n]).max())
+        n_added = Reference(model, actives).n_added_states
+        wanted = integrate(model, actives, in_si(model, start, n_added), first, CYCLES)
+        error = float(np.abs(in_si(model, found.end.y, n_added)[:n] - wanted[:n]).max())
         print(f"| {text or 'none'} | {error:.0e} | {found.switches} |", flush=True)
 
 

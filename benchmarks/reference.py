@@ -62,10 +62,10 @@ def in_si(model: Model, y: Array, n_added_states: int) -> Array:
     Pins and rings that do not move have states there, and none in the slots.
     """
     n, s, scales = model.layout.n_state, model.n_added_coordinates, model.scales
-    own: Array = np.zeros(n_added_states)
-    own[: 2 * s : 2] = y[n : n + s] * scales.b_c
-    own[1 : 2 * s : 2] = y[n + s :] * scales.velocity_m_per_s
-    return np.concatenate([y[:n], own])
+    added: Array = np.zeros(n_added_states)
+    added[: 2 * s : 2] = y[n : n + s] * scales.b_c
+    added[1 : 2 * s : 2] = y[n + s :] * scales.velocity_m_per_s
+    return np.concatenate([y[:n], added])
 
 
 def integrate(

@@ -16,9 +16,9 @@ from numba import config
 from herringbone_sim.core import orbit
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
-from herringbone_sim.core.lanes import any_forces, any_moves, any_series
 from herringbone_sim.core.lanes import columns as lane_columns
 from herringbone_sim.core.lanes import extended as lane_extended
+from herringbone_sim.core.lanes import nonlinear_forces, nonlinear_moves, nonlinear_series
 from herringbone_sim.core.lanes import run as lane_run
 from herringbone_sim.core.lanes import series as lane_series
 from herringbone_sim.core.lanes import switching as lane_switching
@@ -148,7 +148,7 @@ def read_lanes():
     vector = VECTOR | {"store": store, "put": put}
     for module in (
         *(orbit, lane_run, lane_series, lane_switching, lane_extended),
-        *(lane_columns, any_forces, any_series, any_moves),
+        *(lane_columns, nonlinear_forces, nonlinear_series, nonlinear_moves),
     ):
         for name in vars(module).keys() & vector.keys():
             setattr(module, name, vector[name])

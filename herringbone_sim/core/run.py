@@ -13,7 +13,7 @@ from numba import typeof
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_moves import move_nonlinear
+from herringbone_sim.core.lanes.nonlinear_moves import move_nonlinear
 from herringbone_sim.core.lanes.run import move_linear
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of

@@ -116,8 +116,8 @@ def _trajectory(flow: GearFlow, points: Array) -> tuple[Array, Array]:
         if model.n_added_coordinates and model.integrator is None:
             states, _, _, grid_points = gear_stepper.trace(state, count)
             rows = gear_stepper.read(states, grid_points)
-            own = states[:, model.layout.n_state :].reshape(count, 2, -1)
-            moved = own.swapaxes(0, 1) @ model.packed.added_shift
+            added_states = states[:, model.layout.n_state :].reshape(count, 2, -1)
+            moved = added_states.swapaxes(0, 1) @ model.packed.added_shift
         else:
             rows = gear_stepper.advance(state, count).rows
         x[i] = rows[:, 5 : 5 + n] / s.b_c + added + moved[0]

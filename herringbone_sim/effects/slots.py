@@ -49,17 +49,17 @@ class Slots:
         }
         self._d: dict[float, Array] = {}
         self._torques: dict[float, Array] = {}
-        self._own_loads: dict[float, Array] = {}
+        self._added_loads: dict[float, Array] = {}
         self._law = p.law.copy()
         self.bent_twice = False
         self._slide = np.zeros((2, n, len(model.layout.bodies)))
-        self._own: list[Coordinates] = []
+        self._added: list[Coordinates] = []
         self._events: list[tuple[tuple[float, float, float], Array, Array]] = []
 
     @property
     def n_added_coordinates(self) -> int:
         """Number of coordinates added by ``add_coordinates`` so far."""
-        return sum(len(own.seat) for own in self._own)
+        return sum(len(added.seat) for added in self._added)
 
     def scale_stiffness(self, factor: Array) -> None:
         """Multiply k, its present harmonics included, by factors (n,)."""
@@ -133,23 +133,23 @@ class Slots:
         """
         self._slide += np.stack([constant, lever])
 
-    def add_coordinates(self, own: Coordinates) -> None:
+    def add_coordinates(self, added: Coordinates) -> None:
         """Add coordinates on springs; their loads become torques of orders 0 and control_order."""
-        self._own.append(own)
+        self._added.append(added)
         p = self.model.parameters
         order, phase = p.control_order, p.control_phase
         for at, angle, body, load in (
-            (0.0, 0.0, own.body_load, own.load),
-            (order, phase, p.K * own.body_control, p.K * own.control),
+            (0.0, 0.0, added.body_load, added.load),
+            (order, phase, p.K * added.body_control, p.K * added.control),
         ):
             if np.any(body) or np.any(load):
                 self.add_torque(at, body * np.cos(angle), -body * np.sin(angle))
                 first = self.n_added_coordinates - len(load)
                 row = np.zeros((2, first + len(load)))
                 row[:, first:] = load * np.cos(angle), -load * np.sin(angle)
-                before = self._own_loads.get(at, np.zeros((2, 0)))
+                before = self._added_loads.get(at, np.zeros((2, 0)))
                 row[:, : before.shape[1]] += before
-                self._own_loads[at] = row
+                self._added_loads[at] = row
 
     def shift_phase(self, mask: Array, angle: float) -> None:
         """Advance k and e of the gear without effects by an angle [rad] on masked meshes.
@@ -178,11 +178,11 @@ class Slots:
         e_cos[: len(p.orders)], e_sin[: len(p.orders)] = p.e_cos, p.e_sin
         loads = np.array(sorted(self._torques))
         pushes = self._accelerations(_rows(self._torques, loads, len(layout.bodies)))
-        of_own = np.zeros((2, len(loads), self.n_added_coordinates))
+        of_added = np.zeros((2, len(loads), self.n_added_coordinates))
         for j, order in enumerate(loads):
-            row = self._own_loads.get(float(order), np.zeros((2, 0)))
-            of_own[:, j, : row.shape[1]] = row / (s.b_c * s.omega_n**2)
-        load_cos, load_sin = np.concatenate([pushes, of_own], axis=-1)
+            row = self._added_loads.get(float(order), np.zeros((2, 0)))
+            of_added[:, j, : row.shape[1]] = row / (s.b_c * s.omega_n**2)
+        load_cos, load_sin = np.concatenate([pushes, of_added], axis=-1)
         events = self._events
         none = np.zeros((0, layout.n_mesh))
         mean = self.displacement / s.b_c
@@ -213,13 +213,13 @@ class Slots:
         model, s, n = self.model, self.model.scales, self.model.layout.n_mesh
         newton = s.b_c * s.omega_n**2 / s.projection  # unit of mesh forces in the kernel
         m, bodies = model.layout.n_coordinate, len(model.layout.bodies)
-        joined = _joined(self._own, n, bodies)
+        joined = _joined(self._added, n, bodies)
         push = np.zeros((3, m + len(joined.seat) + 1, n + len(joined.seat)))
-        base, own, seats = np.append(np.arange(m), -1), slice(m, -1), slice(n, None)
+        base, added, seats = np.append(np.arange(m), -1), slice(m, -1), slice(n, None)
         push[0, base, :n] = self._of_bodies(joined.body_force).T * newton
         push[0, base, seats] = self._of_bodies(joined.body_hold).T
-        push[0, own, :n] = joined.force / s.projection
-        push[0, own, seats] = joined.hold / (s.b_c * s.omega_n**2)
+        push[0, added, :n] = joined.force / s.projection
+        push[0, added, seats] = joined.hold / (s.b_c * s.omega_n**2)
         push[1:, base, :n] = np.swapaxes(self._of_bodies(self._slide) * newton, 1, 2)
         seat = joined.seat * np.array([s.b_c, s.velocity_m_per_s, 1.0 / s.b_c, 1.0 / s.b_c])
         bends, damps = self._law[1] != 1.0, self._law[2] != 0.0
@@ -293,24 +293,24 @@ class Coordinates:
     body_control: Array
 
 
-def _joined(all_own: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
+def _joined(parts: Sequence[Coordinates], n: int, bodies: int) -> Coordinates:
     """Join the added coordinates of a gear with n meshes into one; ``hold`` is block diagonal."""
-    size = sum(len(own.seat) for own in all_own)
+    size = sum(len(part.seat) for part in parts)
     hold, first = np.zeros((size, size)), 0
-    for own in all_own:
-        here = slice(first, first + len(own.seat))
-        hold[here, here], first = own.hold, here.stop
+    for part in parts:
+        here = slice(first, first + len(part.seat))
+        hold[here, here], first = part.hold, here.stop
     return Coordinates(
-        shift=np.concatenate([np.zeros((0, n)), *(own.shift for own in all_own)]),
-        seat=np.concatenate([np.zeros((0, 4)), *(own.seat for own in all_own)]),
-        force=np.concatenate([np.zeros((0, n)), *(own.force for own in all_own)]),
+        shift=np.concatenate([np.zeros((0, n)), *(part.shift for part in parts)]),
+        seat=np.concatenate([np.zeros((0, 4)), *(part.seat for part in parts)]),
+        force=np.concatenate([np.zeros((0, n)), *(part.force for part in parts)]),
         hold=hold,
-        load=np.concatenate([np.zeros(0), *(own.load for own in all_own)]),
-        control=np.concatenate([np.zeros(0), *(own.control for own in all_own)]),
-        body_force=sum((own.body_force for own in all_own), np.zeros((n, bodies))),
-        body_hold=np.concatenate([np.zeros((0, bodies)), *(own.body_hold for own in all_own)]),
-        body_load=sum((own.body_load for own in all_own), np.zeros(bodies)),
-        body_control=sum((own.body_control for own in all_own), np.zeros(bodies)),
+        load=np.concatenate([np.zeros(0), *(part.load for part in parts)]),
+        control=np.concatenate([np.zeros(0), *(part.control for part in parts)]),
+        body_force=sum((part.body_force for part in parts), np.zeros((n, bodies))),
+        body_hold=np.concatenate([np.zeros((0, bodies)), *(part.body_hold for part in parts)]),
+        body_load=sum((part.body_load for part in parts), np.zeros(bodies)),
+        body_control=sum((part.body_control for part in parts), np.zeros(bodies)),
     )
 
 

@@ -261,7 +261,7 @@ def test_verbs_take_an_effect_with_laws_of_its_own(
         "from herringbone_sim.effects.effect import Effect, Parameter\n"
         "from herringbone_sim.effects.law import STIFFNESS, law\n"
         "@law\n"
-        "def excite(theta, site, gear, now, own, law):\n"
+        "def excite(theta, site, gear, now, added_states, law):\n"
         "    for m in range(law.shape[1]):\n"
         "        law[STIFFNESS, m] *= theta[0]\n"
         "EFFECT = Effect(id='own_law', text='soft', level='mesh', excite=excite,\n"

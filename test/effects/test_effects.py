@@ -37,7 +37,7 @@ from herringbone_sim.effects.law import DAMPING, law
 
 
 @law
-def excite(theta, site, gear, now, own, law):
+def excite(theta, site, gear, now, added_states, law):
     """c times the factor."""
     for m in range(law.shape[1]):
         if site[0, m] != 0.0:

@@ -81,7 +81,7 @@ def test_a_law_that_no_slot_holds_gives_that_diagram(
         "from herringbone_sim.effects.effect import Effect\n"
         "from herringbone_sim.effects.law import STIFFNESS, law\n"
         "@law\n"
-        "def excite(theta, site, gear, now, own, law):\n"
+        "def excite(theta, site, gear, now, added_states, law):\n"
         "    for m in range(law.shape[1]):\n"
         "        law[STIFFNESS, m] *= 0.9\n"
         "EFFECT = Effect('soft', 'softer', 'mesh', (), excite=excite)\n"

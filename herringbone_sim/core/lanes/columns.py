@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_series import expand_nonlinear_motion, expand_nonlinear_tangent
 from herringbone_sim.core.lanes.extended import jump_rows, shift_row
+from herringbone_sim.core.lanes.nonlinear_series import (
+    expand_nonlinear_motion,
+    expand_nonlinear_tangent,
+)
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BORDER,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.lanes.any_moves import move_nonlinear
 from herringbone_sim.core.lanes.columns import (
     jump_columns,
     move_columns,
@@ -22,6 +21,7 @@ from herringbone_sim.core.lanes.columns import (
     tell_columns,
 )
 from herringbone_sim.core.lanes.extended import jump_tangents, stop_at_pitch
+from herringbone_sim.core.lanes.nonlinear_moves import move_nonlinear
 from herringbone_sim.core.lanes.packed import (
     ANGLE,
     BACK,

@@ -6,7 +6,7 @@ from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, ro
 from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import ON_BORDER, START
 from herringbone_sim.effects.dormand_prince import APART
-from herringbone_sim.effects.lanes.places import JUMPS, NOW, STALE, SWITCH_RATE, SWITCHED
+from herringbone_sim.effects.lanes.progress import JUMPS, NOW, STALE, SWITCH_RATE, SWITCHED
 from herringbone_sim.effects.lanes.slope import slope
 from herringbone_sim.effects.lanes.step import begin_phase, clamp_shift_of, margins
 from herringbone_sim.effects.law import PLAY, SHIFT

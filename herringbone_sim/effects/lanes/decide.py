@@ -13,7 +13,7 @@ from herringbone_sim.core.packed import called, inlined
 from herringbone_sim.effects.crossing import END, START, dip, guess, keep, passed
 from herringbone_sim.effects.crossing import HIGH as AT_HIGH
 from herringbone_sim.effects.crossing import LOW as AT_LOW
-from herringbone_sim.effects.lanes.places import (
+from herringbone_sim.effects.lanes.progress import (
     COUNT,
     DONE,
     ERROR,

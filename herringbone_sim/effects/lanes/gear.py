@@ -17,7 +17,7 @@ from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.dormand_prince import Gear
 from herringbone_sim.effects.gear import LANE_DRIVE, LANE_EXCITE, LANE_REACT, pointers
-from herringbone_sim.effects.lanes.places import ROWS
+from herringbone_sim.effects.lanes.progress import ROWS
 
 # Rows of ``LaneGear.scalars``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
 INV_SUN, LOAD_Q, CONTROL_Q, CONTROL_R = 0, 2, 4, 6

@@ -21,7 +21,7 @@ from herringbone_sim.effects.dormand_prince import FAR
 from herringbone_sim.effects.lanes.contact import begin
 from herringbone_sim.effects.lanes.decide import WAIT, decide, plan
 from herringbone_sim.effects.lanes.gear import CONTROL_ORDER, CONTROL_PHASE, OMEGA, LawConstants
-from herringbone_sim.effects.lanes.places import (
+from herringbone_sim.effects.lanes.progress import (
     ANGLE,
     BOUND_HIGH,
     BOUND_LOW,

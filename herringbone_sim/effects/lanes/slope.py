@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from herringbone_sim.core.lanes.any_series import most
+from herringbone_sim.core.lanes.nonlinear_series import most
 from herringbone_sim.core.lanes.run import least
 from herringbone_sim.core.lanes.series import sine_cosine
 from herringbone_sim.core.lanes.vector import LANES, choose, fma, give, load, store, take
@@ -23,7 +23,7 @@ from herringbone_sim.effects.lanes.gear import (
     PROJECTION,
     SI,
 )
-from herringbone_sim.effects.lanes.places import ANGLE, BOUND_HIGH, BOUND_LOW, CYCLE, NOW
+from herringbone_sim.effects.lanes.progress import ANGLE, BOUND_HIGH, BOUND_LOW, CYCLE, NOW
 from herringbone_sim.effects.law import (
     DAMPING,
     HARMONICS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from herringbone_sim.core.lanes.any_series import most
+from herringbone_sim.core.lanes.nonlinear_series import most
 from herringbone_sim.core.lanes.vector import (
     absolute,
     choose,
@@ -19,7 +19,7 @@ from herringbone_sim.effects.crossing import END
 from herringbone_sim.effects.dormand_prince import APART, NODE, TOLERANCE, A
 from herringbone_sim.effects.dormand_prince import ERROR as SHARES
 from herringbone_sim.effects.lanes.gear import OMEGA, SI
-from herringbone_sim.effects.lanes.places import DONE, ERROR, NOW, PIECE_START, TAKEN, TRIED
+from herringbone_sim.effects.lanes.progress import DONE, ERROR, NOW, PIECE_START, TAKEN, TRIED
 from herringbone_sim.effects.lanes.slope import inside, slope, slope_of
 from herringbone_sim.effects.law import PLAY, SHIFT
 from herringbone_sim.effects.run import FORCE, LENGTH, RATE

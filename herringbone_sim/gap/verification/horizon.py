@@ -65,8 +65,8 @@ def prediction_error(
     run: PreparedRun, fused: Fused, simulator: GearSimulator, horizon: Horizon
 ) -> float:
     """Return the RMS error of predicted mesh displacements [m] over starts, samples and meshes."""
-    own = states_of_effects(run, fused, simulator, horizon.starts)
-    predicted = _predict(run, fused.z, fused.z_rate, simulator, horizon, own)
+    added_states = states_of_effects(run, fused, simulator, horizon.starts)
+    predicted = _predict(run, fused.z, fused.z_rate, simulator, horizon, added_states)
     return _rms(predicted - _after_starts(fused.z, horizon), run)
 
 
@@ -81,9 +81,11 @@ def prediction_floor(
         simulator: of the model.
         horizon: of the predictions.
     """
-    own = states_of_effects(run, fused, simulator, horizon.starts)
-    plain = _predict(run, fused.z, fused.z_rate, simulator, horizon, own)
-    noisy = _predict(run, fused.z + noise.z, fused.z_rate + noise.z_rate, simulator, horizon, own)
+    added_states = states_of_effects(run, fused, simulator, horizon.starts)
+    plain = _predict(run, fused.z, fused.z_rate, simulator, horizon, added_states)
+    noisy = _predict(
+        run, fused.z + noise.z, fused.z_rate + noise.z_rate, simulator, horizon, added_states
+    )
     return _rms(noisy - plain - _after_starts(noise.z, horizon), run)
 
 
@@ -113,7 +115,7 @@ def largest_exponent(
         phase = np.full(2, run.phase[0] + 2.0 * np.pi * cycle)
         simulated = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, effect_states)
         ends = np.hstack([simulated.z[:, 1], simulated.z_rate[:, 1]])
-        state, effect_states = ends[0], simulated.own[:1, 1].repeat(2, axis=0)
+        state, effect_states = ends[0], simulated.added_states[:1, 1].repeat(2, axis=0)
         tangent = (ends[1] - ends[0]) / unit
         length = float(np.linalg.norm(tangent))
         if not np.isfinite(length) or length == 0.0:
@@ -139,7 +141,7 @@ def states_of_effects(
     law = force_law(run, fused, np.ones(6)).modelled_n
     force = np.where(np.isfinite(run.F.values), run.F.values, law)
     now = instants(run)
-    own, before = np.zeros(n_added_states), 0
+    added_states, before = np.zeros(n_added_states), 0
     work, gear = scratch(simulator.model, n_added_states), gear_table(simulator.model)
     with pointers_allowed():
         for i, start in enumerate(starts):
@@ -155,13 +157,13 @@ def states_of_effects(
                 fused.x[rows],
                 fused.v[rows],
                 force[rows],
-                own,
+                added_states,
                 work,
                 SUBSTEPS,
                 np.empty((count, force.shape[1])),
                 np.empty((count, len(simulator.model.layout.bodies))),
             )
-            result[i], before = own, start
+            result[i], before = added_states, start
     return result
 
 

@@ -39,13 +39,13 @@ class SimulatedRuns:
     Attributes:
         z, z_rate: (s, k, n_coordinate) coordinates (q, r) [m], [m/s].
         force_n: (s, k, n_mesh) [N].
-        own: (s, k, n_added_states) states of effects.
+        added_states: (s, k, n_added_states) states of effects.
     """
 
     z: Array
     z_rate: Array
     force_n: Array
-    own: Array
+    added_states: Array
 
 
 class GearSimulator:
@@ -77,7 +77,7 @@ class GearSimulator:
         phase: Array,
         turn: float,
         samples: int,
-        own: Array | None = None,
+        added_states: Array | None = None,
     ) -> SimulatedRuns:
         """Simulate s motions; the first sample of each is its initial state.
 
@@ -86,15 +86,15 @@ class GearSimulator:
             phase: (s,) initial mesh phase [rad], unwrapped.
             turn: mesh phase per sample [rad].
             samples: number of samples of each motion.
-            own: (s, n_added_states) initial states of effects; None: zero.
+            added_states: (s, n_added_states) initial states of effects; None: zero.
         """
         p, n_added_states, m = (
             self.model.parameters,
             self.laws.n_added_states,
             self.model.layout.n_coordinate,
         )
-        own = np.zeros((len(z), n_added_states)) if own is None else own
-        y = np.ascontiguousarray(np.hstack([np.hstack([z, z_rate]) / self._unit, own]))
+        added_states = np.zeros((len(z), n_added_states)) if added_states is None else added_states
+        y = np.ascontiguousarray(np.hstack([np.hstack([z, z_rate]) / self._unit, added_states]))
         cycle = np.floor(phase / TWO_PI)
         parts = math.ceil(STEPS * max(1.0, 1.0 / p.Omega) * turn / TWO_PI)
         states = np.empty((len(z), samples, y.shape[1]))

@@ -1,11 +1,12 @@
-"""Taylor series of a motion, and of its tangents, under the forces of ``any_forces``.
+"""Taylor series of a motion, and of its tangents, under the forces of ``nonlinear_forces``.
 
 Intervals are cut so that the last terms are small. Arguments: see ``lanes.packed``.
 """
 
 from __future__ import annotations
 
-from herringbone_sim.core.lanes.any_forces import (
+from herringbone_sim.core.lanes.extended import know_signs, law_row, push_pairs, shift_series
+from herringbone_sim.core.lanes.nonlinear_forces import (
     BENT_SHARE,
     LINEAR,
     LINEAR_DAMPER,
@@ -16,7 +17,6 @@ from herringbone_sim.core.lanes.any_forces import (
     seat_force_series,
     set_factors,
 )
-from herringbone_sim.core.lanes.extended import know_signs, law_row, push_pairs, shift_series
 from herringbone_sim.core.lanes.packed import (
     CONTACT,
     DAMPING,

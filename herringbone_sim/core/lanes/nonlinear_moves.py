@@ -5,13 +5,6 @@ Intervals are cut where the series lose precision. Arguments: see ``lanes.packed
 
 from __future__ import annotations
 
-from herringbone_sim.core.lanes.any_forces import LINEAR_BELOW
-from herringbone_sim.core.lanes.any_series import (
-    expand_derivatives,
-    expand_nonlinear_motion,
-    expand_nonlinear_tangent,
-    shorten,
-)
 from herringbone_sim.core.lanes.columns import jump_columns, move_nonlinear_columns, push_columns
 from herringbone_sim.core.lanes.extended import (
     ends,
@@ -19,6 +12,13 @@ from herringbone_sim.core.lanes.extended import (
     law_row,
     reverse_signs,
     stop_at_pitch,
+)
+from herringbone_sim.core.lanes.nonlinear_forces import LINEAR_BELOW
+from herringbone_sim.core.lanes.nonlinear_series import (
+    expand_derivatives,
+    expand_nonlinear_motion,
+    expand_nonlinear_tangent,
+    shorten,
 )
 from herringbone_sim.core.lanes.packed import (
     AT,
