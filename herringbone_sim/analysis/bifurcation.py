@@ -89,7 +89,11 @@ def bifurcation_diagram(
 
 
 def _points(result: SegmentResult, mesh: str) -> Array:
-    """Up to 400 section displacements [m] of a segment, successive if it is periodic."""
+    """Up to ``MAX_POINTS`` section displacements (k,) [m] of a mesh in a segment.
+
+    The last successive ones if the segment is periodic; else (aperiodic, a ramp, or no period
+    found) evenly spaced ones, so that they cover almost the whole segment.
+    """
     x = result.section.x[:, result.motion.meshes.index(mesh)]
     stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
     points: Array = x[-MAX_POINTS * stride :: stride].copy()

@@ -145,7 +145,14 @@ def _growth(points: Array, maps: Array) -> Array:
 
 
 def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exponent:
-    """Exponent with its 90 % interval, by a bootstrap of blocks of the log growth (n,)."""
+    """Exponent per step, the mean of the log growth, with its 90 % interval by a block bootstrap.
+
+    Args:
+        growth: (n,) natural logarithm of the growth of the tangent vector in each step;
+            n >= ``BLOCKS``.
+        reach: passed on to ``Exponent.reach``.
+        rng: draws the resamples.
+    """
     # Blocks, because successive growth values are correlated.
     edges = np.linspace(0, len(growth), BLOCKS + 1).astype(int)
     sums, lengths = np.add.reduceat(growth, edges[:-1]), np.diff(edges)

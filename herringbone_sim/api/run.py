@@ -71,7 +71,10 @@ class Run(NotebookResult):
         return gear_of(self.parameters, with_model=False)
 
     def to_pandas(self) -> Any:
-        """All channels as a ``pandas.DataFrame``, the time [s] being its index."""
+        """All channels [SI] as columns of a ``pandas.DataFrame``, with the time [s] as its index.
+
+        AnalysisError: pandas is not installed.
+        """
         columns = {name: self.samples[name] for name in self.samples.names}
         table = data_frame(columns)
         table.index = library("pandas").Index(self.t, name="time")

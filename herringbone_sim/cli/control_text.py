@@ -44,7 +44,12 @@ def target_text(target: Target, width: int = 5) -> str:
 
 
 def least_line(place: str, amplitude: LeastAmplitude) -> str:
-    """Line on a least amplitude, after the text ``place`` of its parameter value."""
+    """Text line on the least amplitudes K of the control torque that reach a target motion.
+
+    Args:
+        place: begins the line: the other parameter and its value, such as ``delta_T  20.0``.
+        amplitude: the result there; see ``Staircase`` on least, firm, held and pockets.
+    """
     stairs = amplitude.staircase
     pockets = " ".join(f"{a:.2f}-{b:.2f}" for a, b in stairs.pockets) or "none"
     return (

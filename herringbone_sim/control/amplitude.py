@@ -247,7 +247,13 @@ def _reached(
 
 
 def windows(K: Array, periods: Array) -> list[tuple[int, float, float]]:
-    """Ranges of K (m,) with equal period (m,): period (0 = aperiodic), first and last K."""
+    """Ranges of successive control amplitudes with equal period: period, first and last K.
+
+    Args:
+        K: (m,) control amplitudes, ascending.
+        periods: (m,) period of the motion at each K [mesh cycles]; 0 = aperiodic. NaN (a run
+            failed, or has too few points to tell) belongs to no range and ends one.
+    """
     edges = [0, *(np.flatnonzero(np.diff(periods)) + 1), len(K)]
     return [
         (int(periods[a]), float(K[a]), float(K[b - 1]))

@@ -224,8 +224,16 @@ def subtract_carrier(p, carrier, acceleration):
 
 @inlined
 def mesh_forces(p, w, y, phase, cycle):
-    """Write deflection, its rate and the force k f(x) + c v of all meshes (Eqs. 1, 4, 12) into
-    ``w.x``, ``w.v`` and ``w.force``.
+    """Write deflections x, rates v and forces of all meshes into ``w.x``, ``w.v``, ``w.force``.
+
+    The mesh error is subtracted from x and v. The force is k f(x) + c v (Eqs. 1, 4, 12), by
+    ``Packed.law`` unless ``p.plain``. ``w.k``, ``w.error`` and ``w.error_rate`` are written too,
+    see ``excite``. All is dimensionless.
+
+    Args:
+        y: state: coordinates, their rates, then added coordinates and their rates.
+        phase: mesh phase [rad] in the mesh cycle.
+        cycle: number of the mesh cycle; matters to events and to orders that are not integer.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)

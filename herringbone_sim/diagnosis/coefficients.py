@@ -161,10 +161,15 @@ class CampaignProducts:
     ) -> None:
         """Add one observation's products of coefficients to A (runs, p, p) and b (runs, p).
 
+        In place, with the shared nuisances marginalised. In A only the columns of these
+        coefficients are filled; the base's own block and the transposed block are left as they
+        are, see ``normal_equations``.
+
         Args:
             o: the observation.
             coefficients: those beyond the base, whose entries in A and b come last.
-            used: for each row, the functions that they act on (index in the products), numbered.
+            used: for each row of the observation that they act on, the functions there: index in
+                the products to position 0, 1, ... in order of insertion.
         """
         n, runs, q = len(self.base), len(self.runs), len(coefficients)
         X = np.zeros((runs, q, self._x[o].shape[1]))

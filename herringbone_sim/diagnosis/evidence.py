@@ -83,7 +83,10 @@ class Evidence:
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Evidence:
-        """Restore evidence from the plain data of ``written``."""
+        """Restore evidence from the plain data of ``written``, also after a passage through JSON.
+
+        KeyError, TypeError or ValueError: a field is missing or of another type.
+        """
         candidates = tuple(
             Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})
             for c in data["candidates"]

@@ -107,19 +107,21 @@ class Machine(Protocol):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect with its options at a place.
+    """An effect with its options at a place, and its coefficients to fit.
 
     Attributes:
-        effect, options: as in the catalogue.
+        effect, options: id of the effect, and names and values of its options, as in the
+            catalogue.
         locus: place, such as (mesh, planet, side).
-        coefficients: to fit; those of the effect itself first, then departures from the curve that
-            the catalogue gives it.
+        coefficients: those of the effect itself first, then departures from the curve that the
+            catalogue gives it, whose ``departs_from`` is set to ``n_own`` here.
         n_own: number of coefficients of the effect itself.
         source: object from which the machine rebuilds the hypothesis for other runs; None for a
             hypothesis of the catalogue.
         measured_gain: chi2 removed at the centres of its coefficients, evaluated by the machine
             where the effect is strongly nonlinear; None: the linear screen decides.
-        base_mean: values of the base coefficients with which ``measured_gain`` was evaluated.
+        base_mean: values of the base coefficients (the tolerances, in every hypothesis) with which
+            ``measured_gain`` was evaluated; empty without it.
         partly_screened: whether it also acts in observations where its columns are zero, so that a
             linear screen misses a part of its gain.
     """

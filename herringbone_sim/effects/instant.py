@@ -116,10 +116,22 @@ def follow(e, site, theta, gear, now, added_states, here, there, w, h, substeps)
 def recorded(
     e, site, theta, gear, times, now, x, v, measured, added_states, w, substeps, force, torque
 ):
-    """Write ``force`` (samples, n) and ``torque`` (samples, bodies) of a recorded motion.
+    """Evaluate the force law with effects along a recorded motion, into ``force`` and ``torque``.
 
-    States of effects start from ``added_states``, which is overwritten, and follow the mesh forces
-    ``measured`` (samples, n).
+    Args:
+        e, site, theta: ``kernel``, ``site`` and ``theta`` of ``gear.Laws``.
+        gear: (rows, n) constants of the meshes, see ``gear.gear_table``.
+        times: (samples,) [s].
+        now: (samples, 5) operating point, as in ``effects.law``.
+        x, v: (samples, n) deflections [m] and rates [m/s] without displacements of effects.
+        measured: (samples, n) mesh forces [N] that drive the states of effects; not read without
+            such states.
+        added_states: (s,) states of effects at the first sample; overwritten, at the end those at
+            the last.
+        w: ``gear.Scratch``.
+        substeps: RK4 steps from one sample to the next.
+        force: (samples, n) result: mesh forces [N].
+        torque: (samples, bodies) result: torques of effects over base radius [N].
     """
     for i in range(x.shape[0]):
         forces_of_motion(e, site, theta, gear, now[i], added_states, x[i], v[i], w)

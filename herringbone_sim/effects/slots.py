@@ -321,7 +321,13 @@ def _add(rows: dict[float, Array], order: float, cos: Array, sin: Array) -> None
 
 
 def _rows(rows: dict[float, Array], orders: Sequence[float] | Array, n: int) -> Array:
-    """Return cosine and sine amplitudes (2, orders, n), zero for orders missing in ``rows``."""
+    """Return cosine and sine amplitudes (2, orders, n), zero for orders missing in ``rows``.
+
+    Args:
+        rows: cosine and sine amplitudes (2, n) of each order.
+        orders: of the result, in its sequence; others in ``rows`` are left out.
+        n: number of meshes, or of bodies.
+    """
     table = np.zeros((2, len(orders), n))
     for j, order in enumerate(orders):
         if float(order) in rows:

@@ -190,8 +190,16 @@ def _same_channel_class(
     """Restrict the fit runs to the highest class of channels that at least half of them reach.
 
     All fit runs must allow the same observations: fit runs of a lower class are left out, and
-    forces that most fit runs lack are not used. Findings on both are appended to ``findings``.
-    Returns all remaining runs; held-out runs stay as they are.
+    forces that most fit runs lack are not used. Classes are ``FORCED``, ``MOVING`` and ``FEW``,
+    see ``_channel_class``.
+
+    Args:
+        runs: of both roles; held-out runs stay as they are.
+        fused: by name of the run, at least for the fit runs; not changed.
+        findings: findings on runs left out (fatal) and on forces not used are appended.
+
+    Returns:
+        All remaining runs, in the order of ``runs``; those whose forces are not used are copies.
     """
     fit = [run for run in runs if run.role == "fit"]
     levels = {run.name: _channel_class(run, fused[run.name]) for run in fit}

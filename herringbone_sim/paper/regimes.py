@@ -63,10 +63,12 @@ class Cut:
 
 
 def motions_of(batch: Batch, tolerance: float = TOLERANCE) -> Indices:
-    """(n,) period in mesh cycles of each run of a batch; 0 aperiodic or undetermined, -1 failed.
+    """(n,) period in mesh cycles of each run of a batch; -1 if the run failed.
 
-    The section points of all states, in units of b_c and b_c omega_n, must gather around as many
-    centres as there are cycles in the period, to ``tolerance`` RMS and without drifting apart.
+    0 if the motion is aperiodic, the period exceeds ``MAX_PERIOD``, or it repeats fewer than five
+    times in the section. The section points of all states, in units of b_c and b_c omega_n, must
+    gather around as many centres as there are cycles in the period, to ``tolerance`` RMS and
+    without drifting apart.
     """
     return np.array([_motion(points, tolerance) for points in batch.sections], dtype=np.int64)
 

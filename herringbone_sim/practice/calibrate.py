@@ -217,12 +217,12 @@ def left_out(
     draw: int = 0,
     prior_mean: Array | None = None,
 ) -> Array:
-    """Return rows (n, 4) of ``judged``: each campaign by weights fitted to the other folds.
+    """Return ``judged`` (n, 4) of each campaign by weights and a penalty fitted to other folds.
 
     Args:
-        labelled: the same campaigns as the fit of weights takes them.
-        draw: seed of the division into folds.
-        prior_mean: mean of the prior of the weights; None: zero.
+        labelled: ``learn.labelled_campaign`` of each campaign, in the same order.
+        draw: seed of the division into ``FOLDS`` folds.
+        prior_mean: (len(judge.NAMES),) prior mean of the weights; None: zero.
     """
     fold = folds(len(campaigns), draw)
     rows = np.zeros((len(campaigns), 4))

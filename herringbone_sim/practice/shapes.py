@@ -52,7 +52,14 @@ by_depth: Any = compiled(_by_depth)
 
 
 def _window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
-    """Return the strength of the tooth event of mesh m (0 outside of it) and its slope [1/rad]."""
+    """Return the strength of the tooth event of mesh m and its derivative by phase [1/rad].
+
+    The strength is 0 outside of the event and 1 at its peak, whatever the size of the event.
+
+    Args:
+        phase: mesh phase [rad], counted on over all mesh cycles, not wrapped: an event recurs once
+            a revolution, after ``p.event[0, m]`` mesh cycles.
+    """
     z = ((phase / TWO_PI - p.event[1, m]) % p.event[0, m]) / p.event[2, m]
     if z >= 1.0:
         return 0.0, 0.0
@@ -184,10 +191,16 @@ random_function: Any = compiled(_random_function)
 
 
 def _rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
-    """Add the sliding friction of mesh m to the forces ``extra`` on the bodies [N].
+    """Add the sliding friction of mesh m to the forces ``extra`` on the coordinates, in place.
 
-    Lever arms over the base radius, of involute flanks: tan alpha_t and the distance from the
-    pitch point.
+    It is the coefficient ``p.friction[m]`` times |force|, with the sign of sliding, or with the
+    factor ``p.rub``; sliding changes sign once a mesh cycle, at ``p.pitch``. Lever arms over the
+    base radius, of involute flanks: tan alpha_t and the distance from the pitch point.
+
+    Args:
+        force: mesh force [N]; its sign does not matter.
+        phase: mesh phase [rad], need not be wrapped.
+        extra: (15,) [N]: suns L and R, carrier, planets L, planets R, then moving parts.
     """
     turn = (phase - p.pitch) / TWO_PI
     s = turn - np.floor(turn + 0.5)

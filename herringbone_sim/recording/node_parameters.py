@@ -85,7 +85,11 @@ ALIKE = 0.66  # similarity of a mistyped name (difflib ratio); kk and K have two
 
 
 def default_of(name: str) -> Any:
-    """Return the default value of a parameter of the model or of the node."""
+    """Return the default value of a parameter of the node or of the model.
+
+    Raises:
+        KeyError: neither has a parameter of this name, see ``is_known``.
+    """
     if name in OF_NODE:
         return OF_NODE[name][0]
     return Parameters.__dataclass_fields__[name].default

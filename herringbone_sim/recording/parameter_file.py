@@ -166,7 +166,15 @@ def read_values(path: Path) -> dict[str, Any]:
 
 
 def _values(document: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return names and values of a parsed file; ParameterError if its structure is invalid."""
+    """Return names and values of a parsed parameter file, all its sections merged.
+
+    A section is named after the node or by a wildcard (``*``, ``**``), in any namespace. Where a
+    name recurs, the last section counts. Names and values themselves are not checked.
+
+    Raises:
+        ParameterError: a section of another node, or one that does not hold ``ros__parameters``
+            alone with names and values.
+    """
     values: dict[str, Any] = {}
     for node, content in document.items():
         if str(node).rsplit("/", 1)[-1] not in (NODE, "*", "**"):

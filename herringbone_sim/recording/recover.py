@@ -239,7 +239,10 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """Return the path where the file after ``last`` is begun; empty unless files are numbered."""
+    """Return the path at which a recorder begins the file after ``last``, which may not exist.
+
+    It is ``NAME_3.mcap.part`` after ``NAME_2.mcap``; an empty list if ``last`` has no number.
+    """
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:
         return []

@@ -240,7 +240,12 @@ class Session:
             self._report_losses()
 
     def _next(self) -> tuple[Delivery | None, bool]:
-        """The next delivery (None if none came within FLUSH_S), and whether the recording ends."""
+        """Take the next delivery from the queue; waits at most ``FLUSH_S``.
+
+        Returns:
+            The delivery, None if none came, and whether the recording ends: ``stop`` was called
+            and all that was queued before has been taken.
+        """
         try:
             delivery = self._queue.get(timeout=FLUSH_S)
         except Empty:

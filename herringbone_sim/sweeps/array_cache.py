@@ -52,11 +52,15 @@ class ArrayCache:
     def get(self, parts: Sequence[Any], work: Callable[[], Mapping[str, Any]]) -> Arrays:
         """Arrays by name: read from the cache if stored and undamaged, else computed and stored.
 
-        A file whose checksum fails is reported on stderr.
+        A file whose checksum fails is reported on stderr, computed again and replaced. Without
+        ``folder`` nothing is stored.
 
         Args:
             parts: all inputs that the arrays depend on, see ``digest``.
-            work: computes the arrays.
+            work: computes the arrays, or values that ``np.asarray`` takes, by name.
+
+        Raises:
+            OSError: the computed arrays can't be written.
         """
         path = self.folder / f"{digest(parts)}.npz" if self.folder else None
         stored = _read(path) if path else None

@@ -119,7 +119,10 @@ class Result:
         return self.sweep.axes
 
     def failures(self) -> list[Failure]:
-        """Failed values grouped by reason, the largest group first."""
+        """Failed values grouped by reason, the largest group first; empty if none failed.
+
+        Reasons that differ only in the numbers in their text are one group.
+        """
         kinds: dict[str, list[int]] = {}
         for index, reason in enumerate(self.reasons.flat):
             if reason:

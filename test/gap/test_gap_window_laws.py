@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from gap_support import no_effect, of_shafts, practised, rig
 
+from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.observations import window_events
-from herringbone_sim.gap.observations.body_motion import (
-    rigid_swing,
-)
+from herringbone_sim.gap.observations.body_motion import rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -58,6 +57,8 @@ def test_the_swing_that_a_recording_lacks_is_found() -> None:
     assert whole.trends == pytest.approx([0.0], abs=0.05)
     assert again.trends == pytest.approx([1.0], abs=0.05)
     assert again.cost == pytest.approx(whole.cost, rel=0.1)
+    constant = build(run.model.parameters.changed({"control_order": 0.0}))
+    assert not rigid_swing(replace(run, model=constant)).any()
 
 
 def test_the_swing_is_found_under_the_law_that_acts() -> None:

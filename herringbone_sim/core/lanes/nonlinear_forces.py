@@ -164,7 +164,18 @@ def logarithms(w, which, a, sign):
 
 @called
 def corner(w, which, i, a, sign):
-    """Compute order i of one rounded corner of the play of a seat, see ``logarithms``."""
+    """Compute order i of the series of one rounded corner of the play of a seat, in all lanes.
+
+    It is written to row i of each of the three blocks named in ``logarithms``, and needs their
+    lower orders and the orders up to i of the deflection ``w.x``.
+
+    Args:
+        w: work arrays of the lanes.
+        which: first of the three blocks: 0, or 3 for the corner at negative deflection.
+        i: order; 0 is computed by ``logarithms``.
+        a: column of the seat, behind those of the meshes.
+        sign: 1.0 or -1.0, of the deflection at the corner.
+    """
     if i == 0:
         logarithms(w, which, a, sign)
         return

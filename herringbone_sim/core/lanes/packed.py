@@ -73,7 +73,10 @@ PITCH_START, PITCH_SIDE, INTERVAL_CYCLES = 8, 9, 10
 class Work(NamedTuple):
     """Constants and work arrays of the lanes, or of one orbit (arrays then have no lane axis).
 
-    p = order, n = meshes, m = coordinates, s = those among them that effects add, t = pairs.
+    p = order of the series, n = meshes, m = coordinates, s = those among them that effects add,
+    h = harmonics, l = harmonics of added torques, t = pairs, r = meshes with friction. A pair is
+    an acceleration (of a coordinate, or last of the carrier) and a mesh or seat whose force
+    contributes to it by the rows ``push`` of the constants; plain gears have none.
     """
 
     constants: Array  # (rows, n)

@@ -386,7 +386,15 @@ def advance(w, i, coordinate, acceleration, row, entry, forced, controlled, scal
 
 @called
 def take_state(unrolled, w, row):
-    """Evaluate the series of motion at the end of each lane's move, into a row of ``w.y``."""
+    """Evaluate the series of motion at the end of each lane's move, into a row of ``w.y``.
+
+    ``w.q`` and ``w.v`` must hold the series of this row. The row becomes displacements, then
+    velocities of the gear, then both of the added coordinates, as ``begin_series`` reads them.
+
+    Args:
+        unrolled, w: see ``lanes.packed``.
+        row: 0 the state, above it the tangent vectors.
+    """
     move = load(w.progress, MOVE, 0)
     m = len(unrolled[0]) * (1 + len(unrolled[1]))
     s = w.sizes[4] if len(unrolled[2]) > 0 else 0

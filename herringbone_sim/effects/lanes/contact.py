@@ -29,7 +29,15 @@ def find_contact(m):
 
 @called
 def refresh(m):
-    """Compute slope and ``clamp_shift`` of stage 0 in stale lanes; margins in row ``SPARE``."""
+    """Evaluate the right-hand side at ``r.y[0]`` with the present contact states.
+
+    In stale lanes (``progress[STALE]`` above 0) the result becomes slope and ``clamp_shift`` of
+    stage 0. In all lanes margins and their rates go into row ``SPARE``, and ``r.along[5]`` is
+    overwritten. Contact states and ``STALE`` remain.
+
+    Args:
+        m: ``gear.LaneGear``, changed in its work arrays.
+    """
     r, stale = m.r, take(m.r.progress, STALE) > 0.0
     slope(m, r.y[0], r.along[5], False)
     for k in range(r.z.shape[0]):

@@ -33,10 +33,15 @@ WHOLE, DIP, BACK, BRACKET, FINAL, WAIT = range(6)  # ``progress[MODE]``; WAIT: n
 
 @inlined
 def plan(at, lane):
-    """Set the step that a lane tries next: an equal part of the rest of its piece, <= ``WANT``.
+    """Set the step that a lane tries next (``TRIED``), and its mode to WHOLE.
+
+    The rest of the piece is divided into the fewest equal steps that are no longer than ``WANT``.
+    A piece is a grid step, or the part of it up to the next edge of an event of teeth or the next
+    half mesh cycle.
 
     Args:
-        at: (rows, lanes) ``LaneTrial.progress``, rows as in ``places``; lengths in units of tau.
+        at: (rows, lanes) ``LaneTrial.progress``, rows as in the module ``progress``; lengths in
+            units of tau.
         lane: index of the lane.
     """
     left = at[PIECE_LENGTH, lane] - at[DONE, lane]

@@ -89,7 +89,7 @@ class LaneScratch(NamedTuple):
 class LaneTrial(NamedTuple):
     """Work arrays as ``dormand_prince.Trial``, and the progress of each lane."""
 
-    counters: NDArray[np.int64]  # (4, l) see ``places``
+    counters: NDArray[np.int64]  # (4, l) see ``progress``
     y: Array  # (7, s, l)
     slope: Array  # (7, s, l)
     clamp_shift: Array  # (7, n, l)
@@ -102,7 +102,7 @@ class LaneTrial(NamedTuple):
     z: Array  # (s, l)
     tangent: Array  # (k, s, l), k is 0 or 1
     spent: Array  # (l, n, 3)
-    progress: Array  # (rows, l) see ``places``
+    progress: Array  # (rows, l) see ``progress``
 
 
 def lane_gear(

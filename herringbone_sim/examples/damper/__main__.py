@@ -48,7 +48,10 @@ def train_judge(rigs: int) -> Array:
 
 
 def load_weights() -> Array:
-    """Read the judge's weights (len(NAMES),) that ``--practice`` wrote; missing ones are 0."""
+    """Read the judge's weights (len(NAMES),) that ``--practice`` wrote to ``WEIGHTS``.
+
+    Weights that the file does not name are 0. FileNotFoundError: there is no file.
+    """
     data = json.loads(WEIGHTS.read_text(encoding="utf-8"))
     return np.array([data.get(name, 0.0) for name in NAMES])
 

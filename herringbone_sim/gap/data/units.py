@@ -65,7 +65,12 @@ def wrong_units(run: PreparedRun) -> tuple[PreparedRun, list[Finding]]:
 
 
 def _displacements(run: PreparedRun) -> dict[str, Array]:
-    """Return the powers of ten (n_mesh,) by which x, v and (if complete) D B u are off."""
+    """Return the powers of ten (n_mesh,) by which x, v and (if complete) D B u are off.
+
+    By quantity (``x``, ``v``, ``u``); multiples of 3, see ``_powers``; 0 where not recorded. Each
+    standard deviation (of v over omega) is compared with the median of those within ``FAR`` of
+    that of the nominal e(t), or with the latter if there are none.
+    """
     sizes = {
         "x": run.x.values.std(axis=0),
         "v": run.v.values.std(axis=0) / run.omega_rad_per_s,

@@ -28,14 +28,22 @@ def inverse_masses(model: Model) -> Array:
 
 
 def rigid_moment(run: PreparedRun, phase: Array) -> Array:
-    """Sum of M r u (n,) over the bodies that the control causes at mesh phases (n,) [kg m].
+    """Rigid motion by the nominal control: sum of M r u (n,) over the bodies [kg m].
 
-    r is the rigid rotation, 1 at the carrier. Mesh forces do no work along it, so the second
-    derivative of the sum is the force of the control.
+    M is the mass [kg] and u [m] the rotation of a body, r the rigid rotation, 1 at the carrier.
+    Mesh forces do no work along r, so the second time derivative of the sum is the force of the
+    control [N]. The sum is this harmonic integrated twice, without mean and trend. It follows from
+    the nominal K and the order and phase of the control, not from recorded channels. It is 0 for
+    a control of order 0, a constant torque, which the load of a steady rotation balances.
+
+    Args:
+        phase: (n,) recorded mesh phase [rad]; the control is evaluated ``run.delay_rad`` earlier.
     """
     sc, packed = run.model.scales, run.model.packed
     push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
     turn = packed.control_order * run.omega_rad_per_s
+    if turn == 0.0:
+        return np.zeros(len(phase))
     wave = np.cos(packed.control_order * (phase - run.delay_rad) + packed.control_phase)
     return np.asarray(-push * wave / turn**2)
 

@@ -70,10 +70,17 @@ def shift_e_rate(m: MeshMotion, _: Law) -> Array:
 
 
 def phase_advance(m: MeshMotion, a: Array, what: str) -> tuple[Array, Array]:
-    """Change of k over k_m and 0, or of -e and its rate, by a phase advance ``a`` (n_mesh,) [rad].
+    """Exact change of the nominal waves of each mesh if their phase is advanced by an angle.
+
+    ``shift_k``, ``shift_e`` and ``shift_e_rate`` are its derivatives at 0.
 
     Args:
-        what: ``k`` or ``e``.
+        a: (n_mesh,) angles of mesh phase [rad].
+        what: wave that is advanced, ``k`` or ``e``; the other one stays.
+
+    Returns:
+        Value and rate, each (n, n_mesh). ``k``: change of k over k_m, and zeros. ``e``: change of
+        -e(t) [m], and of its time derivative [m/s].
     """
     value, rate = np.zeros_like(m.x), np.zeros_like(m.x)
     for angle in np.unique(a[a != 0.0]):

@@ -31,11 +31,15 @@ def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
 def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
     """Copy of windows that allows for gain, bias, delay and clock errors of their channels.
 
-    Gain and bias are removed from the readings; delay and clock act on the predicted channels.
+    A channel reads (1 + gain) y(t - delay - clock t) + bias. Gain and bias are removed from the
+    readings, and the weight is scaled by 1 + gain; delay and clock replace those of the windows,
+    which delay the predicted channels. If all amplitudes are 0, ``s`` itself is returned.
 
     Args:
-        amplitudes: by ``ERROR of CHANNEL``: gain minus 1, bias in the unit of the channel, delay
-            [s], relative error of the clock. Other names are ignored.
+        s: windows with the readings as recorded.
+        amplitudes: by ``gain of u_c`` and the like, with one of ``ERRORS`` and a channel of
+            ``s``: gain minus 1, bias in the unit of the channel, delay [s], relative error of the
+            clock; 0 where there is no such name. Other names are ignored.
     """
     names = s.channels.names
     gain, bias, delay, clock = (

@@ -123,7 +123,7 @@ def place_text(detectability: Detectability) -> str:
     """Mesh, planet, side and options of an effect as text, such as ``sp/2/L, order 2``.
 
     All meshes are ``all``. For sensor effects the text names up to two channels, else the quantity
-    and the locus.
+    and the locus. Options that are neither text nor integer, and ``sense``, are left out.
     """
     options = dict(detectability.options)
     channels = options.pop("channels", None)

@@ -46,9 +46,12 @@ def motion_balance(
 ) -> Balance:
     """Return the torque balance of a run with the mesh forces of the force law.
 
+    That is the measured accelerations of the coordinates and those expected [m/s^2], averaged over
+    a window of ``WIDTH``; recorded forces are not used.
+
     Args:
         run: with x (or u) and v.
-        fused: its fused motion.
+        fused: its fused motion; x and v must not be NaN at any mesh.
         noise: ``fused_noise`` of the run.
         factors: (6,) on k, c and e, in the order of ``recalibrate.NAMES``.
         inverse: (3,) factors on 1/M_s, 1/M_p, 1/M_c.

@@ -40,8 +40,10 @@ def consistency_chi2(
 
     Args:
         runs: runs whose sensors are compared.
-        noise_of: for each run, the run whose noise whitens the increments, see ``relations``; all
-            else is whitened by the noise of ``runs``. None: ``runs``.
+        noise_of: for each run, the run whose noise and quadrature error whiten the increments, see
+            ``increment_whitening``; all else is whitened by the noise of ``runs``. For runs with
+            corrected sensors, the runs as recorded, so that chi2 before and after the correction
+            compares the same combinations. None: ``runs``.
     """
     chi2 = count = 0.0
     for run, other in zip(runs, noise_of or runs, strict=True):
@@ -233,6 +235,10 @@ def _remainder(rows: Array, sigma: Array, values: Array, to: Array) -> tuple[Arr
 
 
 def channel_arrays(run: PreparedRun) -> tuple[Array, Array]:
-    """Return the channels x, v, u of a run side by side (n, J), and their noise (J,)."""
+    """Return the channels x, v, u of a run side by side (n, J), and their noise (J,).
+
+    x [m] and v [m/s] of all meshes, then u [m] of all bodies (rotation times base radius); the
+    noise is a standard deviation. Both are NaN for channels that were not recorded.
+    """
     parts = (run.x, run.v, run.u)
     return np.hstack([m.values for m in parts]), np.concatenate([m.sigma for m in parts])

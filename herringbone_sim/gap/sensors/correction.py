@@ -135,7 +135,12 @@ def _with_times(run: PreparedRun, times: Array) -> PreparedRun:
 
 
 def without_channels(run: PreparedRun, channels: Sequence[str]) -> PreparedRun:
-    """Mark channels of x, v, u or a, given by their names, as not recorded."""
+    """Return a copy of a run with some channels marked as not recorded, their values NaN.
+
+    Args:
+        channels: names, such as ``x_sp1_L``, of displacements x, rates v, rotations u or
+            accelerations a; other names, of forces too, are ignored.
+    """
     for q in "xvua":
         off = [name in channels for name in run.model.layout.channels_of(q)]
         run = run.without(q, np.array(off))

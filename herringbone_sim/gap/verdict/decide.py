@@ -78,12 +78,14 @@ def decide(
 
     An explanation by two effects, or by one with something unknown beside it, adds half of its
     probability to each. The verdict is the most probable effect, none or unknown, among equals the
-    first in ``chances``; an effect that is not present with more than ``HALF`` is ambiguous.
+    first in ``chances``. If this is an effect, and the explanations that contain it have together
+    (counted in full, not by halves) at most ``HALF``, the verdict is ``ambiguous``, unless the
+    effect has ``CLASS_PROBABILITY`` of what all effects have.
 
     Args:
         chances: probabilities of all explanations, best first.
         explanations: by index in ``chances``, those with effects and nothing unknown beside them.
-        metric: observation in which the gap is measured.
+        metric: observation in which the gap is measured, only passed on to the verdict.
     """
     named_first = dict.fromkeys(name for c in chances for name in c.effects or ("none",))
     names = dict.fromkeys((*named_first, *known_effects(), "none", "unknown"))

@@ -131,7 +131,11 @@ class Separation:
 
 
 def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation:
-    """Normal equations of the fit of ``fitted`` to ``target`` in one run."""
+    """Normal equations of the fit of ``fitted`` to ``target`` in one run, in units of the noise.
+
+    Unknowns are the changes (q,) of the tolerances and parameters of ``fitted``; those of
+    ``target`` are held. Both must predict the same k values.
+    """
     d, J = target.values - fitted.values, fitted.columns
     return Separation(
         A=fitted.gram,

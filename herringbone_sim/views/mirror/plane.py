@@ -102,13 +102,16 @@ class Bifurcation:
         self._bins: dict[int, dict[bool, deque[tuple[float, float, int]]]] = {}
 
     def add(self, x: Array, y: Array, state: Indices, rising: bool = True) -> set[int]:
-        """Store points; return the numbers of the pages that have changed.
+        """Store points; return the numbers of the pages that have changed, all if the bins grow.
+
+        The newest points displace the oldest of their bin and direction. Points whose parameter or
+        section value is NaN or infinite are ignored.
 
         Args:
-            x: (m,) parameter values; points with NaN or infinity are ignored.
+            x: (m,) parameter values.
             y: (m,) section values.
-            state: (m,) contact states.
-            rising: whether the parameter was rising.
+            state: (m,) contact states, indices into ``block.STATES``.
+            rising: whether the parameter was rising, for all m points.
         """
         good = np.isfinite(x) & np.isfinite(y)
         points = list(zip(x[good].tolist(), y[good].tolist(), state[good].tolist(), strict=True))
