@@ -1,7 +1,8 @@
 """Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it.
 
-Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state, ``phase`` [rad] the mesh phase in
-mesh cycle number ``cycle``, ``event`` a row of ``Packed.events``; all is dimensionless.
+Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state (coordinates, their rates, then those
+of added coordinates), ``phase`` [rad] the mesh phase in mesh cycle number ``cycle``, ``event`` a
+row of ``Packed.events``; all is dimensionless.
 """
 
 from __future__ import annotations
@@ -228,12 +229,7 @@ def mesh_forces(p, w, y, phase, cycle):
 
     The mesh error is subtracted from x and v. The force is k f(x) + c v (Eqs. 1, 4, 12), by
     ``Packed.law`` unless ``p.plain``. ``w.k``, ``w.error`` and ``w.error_rate`` are written too,
-    see ``excite``. All is dimensionless.
-
-    Args:
-        y: state: coordinates, their rates, then added coordinates and their rates.
-        phase: mesh phase [rad] in the mesh cycle.
-        cycle: number of the mesh cycle; matters to events and to orders that are not integer.
+    see ``excite``.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)

@@ -239,9 +239,9 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """Return the path at which a recorder begins the file after ``last``, which may not exist.
+    """Return where a recorder begins the file after ``last``: NAME_3.mcap.part after NAME_2.mcap.
 
-    It is ``NAME_3.mcap.part`` after ``NAME_2.mcap``; an empty list if ``last`` has no number.
+    There may be no such file. An empty list if ``last`` has no number.
     """
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:

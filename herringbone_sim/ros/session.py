@@ -240,11 +240,9 @@ class Session:
             self._report_losses()
 
     def _next(self) -> tuple[Delivery | None, bool]:
-        """Take the next delivery from the queue; waits at most ``FLUSH_S``.
+        """Next delivery of the queue, None if none came within ``FLUSH_S``; whether this is the end.
 
-        Returns:
-            The delivery, None if none came, and whether the recording ends: ``stop`` was called
-            and all that was queued before has been taken.
+        It is once ``stop`` was called and all that was queued before has been taken.
         """
         try:
             delivery = self._queue.get(timeout=FLUSH_S)

@@ -4,6 +4,8 @@ The prediction of one explanation minus that of the other, after a fit of the pa
 other and of the tolerances of the nominal gear; in the mesh forces, or in the accelerations of the
 coordinates. The predictions are linearised at the best fit of each explanation; parameters stay
 within their bounds.
+
+Slightly over 300 lines: what a fit of one explanation to another needs stands together.
 """
 
 from __future__ import annotations
