@@ -1,8 +1,7 @@
 """Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it.
 
-Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state (coordinates, their rates, then those
-of added coordinates), ``phase`` [rad] the mesh phase in mesh cycle number ``cycle``, ``event`` a
-row of ``Packed.events``; all is dimensionless.
+Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state (coordinates, rates, then added ones),
+``phase`` [rad] that of mesh cycle ``cycle``, ``event`` a row of ``Packed.events``, dimensionless.
 """
 
 from __future__ import annotations
@@ -227,9 +226,8 @@ def subtract_carrier(p, carrier, acceleration):
 def mesh_forces(p, w, y, phase, cycle):
     """Write deflections x, rates v and forces of all meshes into ``w.x``, ``w.v``, ``w.force``.
 
-    The mesh error is subtracted from x and v. The force is k f(x) + c v (Eqs. 1, 4, 12), by
-    ``Packed.law`` unless ``p.plain``. ``w.k``, ``w.error`` and ``w.error_rate`` are written too,
-    see ``excite``.
+    x and v are without mesh error; the force is k f(x) + c v (Eqs. 1, 4, 12), by ``Packed.law``
+    unless ``p.plain``. Writes ``w.k``, ``w.error`` and ``w.error_rate`` too, see ``excite``.
     """
     excite(p, w, phase, cycle)
     m_coordinate = 2 + 2 * len(p.classes)

@@ -239,10 +239,7 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """Return where a recorder begins the file after ``last``: NAME_3.mcap.part after NAME_2.mcap.
-
-    There may be no such file. An empty list if ``last`` has no number.
-    """
+    """Return where a file after NAME_2.mcap is begun, NAME_3.mcap.part; empty without a number."""
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:
         return []

@@ -240,10 +240,7 @@ class Session:
             self._report_losses()
 
     def _next(self) -> tuple[Delivery | None, bool]:
-        """Next delivery of the queue, None if none came within ``FLUSH_S``; whether this is the end.
-
-        It is once ``stop`` was called and all that was queued before has been taken.
-        """
+        """Next delivery, None if none in ``FLUSH_S``; whether ``stop`` was called, all taken."""
         try:
             delivery = self._queue.get(timeout=FLUSH_S)
         except Empty:
