@@ -1,7 +1,7 @@
 """Right-hand side at a phase, including the kinks, and the classical Runge-Kutta step with it.
 
-Arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` a state (coordinates, rates, then added ones),
-``phase`` [rad] that of mesh cycle ``cycle``, ``event`` a row of ``Packed.events``, dimensionless.
+Dimensionless arguments: ``p`` is ``Packed``, ``w`` ``Work``, ``y`` coordinates, rates, then added
+ones, ``phase`` [rad] that of mesh cycle ``cycle``, ``event`` a row of ``Packed.events``.
 """
 
 from __future__ import annotations
