@@ -2,7 +2,7 @@
 
 A conditional logit (McFadden 1974): the probability of an explanation is proportional to the
 exponential of a weighted sum of a few numbers (``NAMES``) that say how well it fits. The weights
-are fitted to practice campaigns (``diagnosis.learn``) by ``gap calibrate`` and stored in
+are fitted to practice campaigns (``diagnosis.judge_weights``) by ``gap calibrate`` and stored in
 ``calibration.json``.
 
 E is the loss of an explanation (``Score.loss``), R the chi2 that the flexible regression still

@@ -19,7 +19,13 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from herringbone_sim.arrays import Array, Flags, Indices
-from herringbone_sim.diagnosis import judge, learn
+from herringbone_sim.diagnosis import judge
+from herringbone_sim.diagnosis.judge_weights import (
+    LabelledCampaign,
+    are_true,
+    fit_labelled,
+    labelled_campaign,
+)
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.case_evidence import CaseEvidence
 from herringbone_sim.practice.intervals import calibration_error
@@ -81,9 +87,9 @@ def calibrate(campaigns: Sequence[CaseEvidence]) -> Calibration:
                 f"calibration needs {2 * FOLDS} campaigns or more that are judged by {loss}, got "
                 f"{len(group)}: run more"
             )
-        labelled = [learn.labelled_campaign(c.evidence, c.truth) for c in group]
+        labelled = [labelled_campaign(c.evidence, c.truth) for c in group]
         penalties[loss] = best_penalty(labelled, prior_mean)
-        weights[loss] = learn.fit_labelled(labelled, penalties[loss], None, prior_mean)
+        weights[loss] = fit_labelled(labelled, penalties[loss], None, prior_mean)
         for draw, rows in enumerate(draws):
             rows[at] = left_out(group, labelled, draw, prior_mean)
     fold = np.arange(len(sizes)) % FOLDS
@@ -188,9 +194,7 @@ def by_stratum(
     return averages
 
 
-def best_penalty(
-    labelled: Sequence[learn.LabelledCampaign], prior_mean: Array | None = None
-) -> float:
+def best_penalty(labelled: Sequence[LabelledCampaign], prior_mean: Array | None = None) -> float:
     """Return the one of ``PENALTIES`` with the smallest log loss on left-out campaigns."""
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
@@ -198,7 +202,7 @@ def best_penalty(
         others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
-            weights = learn.fit_labelled(others, penalty, weights, prior_mean)
+            weights = fit_labelled(others, penalty, weights, prior_mean)
             for campaign in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
                 if campaign.true.any():
                     score = campaign.table @ weights
@@ -213,14 +217,14 @@ def folds(n: int, draw: int = 0) -> Indices:
 
 def left_out(
     campaigns: Sequence[CaseEvidence],
-    labelled: Sequence[learn.LabelledCampaign],
+    labelled: Sequence[LabelledCampaign],
     draw: int = 0,
     prior_mean: Array | None = None,
 ) -> Array:
     """Return ``judged`` (n, 4) of each campaign by weights and a penalty fitted to other folds.
 
     Args:
-        labelled: ``learn.labelled_campaign`` of each campaign, in the same order.
+        labelled: ``labelled_campaign`` of each campaign, in the same order.
         draw: seed of the division into ``FOLDS`` folds.
         prior_mean: (len(judge.NAMES),) prior mean of the weights; None: zero.
     """
@@ -228,23 +232,19 @@ def left_out(
     rows = np.zeros((len(campaigns), 4))
     for f in range(FOLDS):
         others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
-        weights = learn.fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
+        weights = fit_labelled(others, best_penalty(others, prior_mean), None, prior_mean)
         for i in np.flatnonzero(fold == f).tolist():
             rows[i] = judged(campaigns[i], weights)
     return rows
 
 
 def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, float, float, float]:
-    """Judge a campaign and compare the probabilities with the truth.
-
-    Args:
-        weights: None: those of the package.
+    """Judge a campaign by ``weights`` (None: those of the package) and compare with the truth.
 
     Returns:
-        Probability of the true set of effects; probability of the most probable set; 1 if both
-        are the same set, else 0; probability of the explanations that are true by
-        ``learn.are_true``. The first three ignore explanations with something unknown beside an
-        effect; the last counts them if the truth is a pair that was not tried.
+        Probability of the true set of effects, and of the most probable set; 1 if both are the
+        same set, else 0; probability of the explanations that ``are_true``. The first three ignore
+        those with something unknown beside an effect, which ``are_true`` may count.
     """
     chances = judge.chances(case.evidence, weights)
     truth = tuple(sorted(case.truth))
@@ -253,7 +253,7 @@ def judged(case: CaseEvidence, weights: Array | None = None) -> tuple[float, flo
         if c.whole:
             effects = tuple(sorted(c.effects))
             groups[effects] = groups.get(effects, 0.0) + c.probability
-    true = np.array([c.probability for c in chances])[learn.are_true(chances, case.truth)].sum()
+    true = np.array([c.probability for c in chances])[are_true(chances, case.truth)].sum()
     first = max(groups, key=lambda e: groups[e])
     return groups.get(truth, 0.0), groups[first], float(first == truth), float(true)
 

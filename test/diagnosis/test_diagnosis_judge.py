@@ -10,7 +10,7 @@ import pytest
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.judge import NAMES, chances, numbers
-from herringbone_sim.diagnosis.learn import are_true, fit
+from herringbone_sim.diagnosis.judge_weights import are_true, fit
 from herringbone_sim.errors import AnalysisError
 
 

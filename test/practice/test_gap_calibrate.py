@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from herringbone_sim.diagnosis import judge, learn
+from herringbone_sim.diagnosis import judge, judge_weights
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.calibrate import calibrate, counted, judged
@@ -77,7 +77,7 @@ def test_a_pair_of_which_one_effect_was_tried_teaches(campaigns: list[CaseEviden
         if len(c.truth) == 2
         and not any(sorted(d.effects) == sorted(c.truth) for d in c.evidence.candidates)
     ]
-    taught = [learn.labelled_campaign(c.evidence, c.truth).true.any() for c in missed]
+    taught = [judge_weights.labelled_campaign(c.evidence, c.truth).true.any() for c in missed]
     assert sum(taught) > 10
     few, more = (
         np.mean([_beside(c) for c in campaigns if (c.stratum[2] == "few") == on and c.truth])

@@ -14,7 +14,7 @@ from herringbone_sim.diagnosis.evidence import Evidence, evidence_of
 from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import NAMES, chances
-from herringbone_sim.diagnosis.learn import fit
+from herringbone_sim.diagnosis.judge_weights import fit
 from herringbone_sim.examples.damper.machine import Damper
 from herringbone_sim.examples.damper.simulate import MODERATE_SIZES, simulate
 
