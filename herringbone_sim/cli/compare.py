@@ -148,9 +148,9 @@ def ways_of(
     for way in WAYS[options.start]:
         chunk = chunk_from(chunks, (base, effects), way)
         sweeps[way] = Sweep(base, (axis,), observation, way, chunk, effects)
+    chunk = chunk_from(chunks, (base, effects))
     for i in range(1, options.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
-        chunk = chunk_from(chunks, (random, effects))
         sweeps[f"random {i}"] = Sweep(random, (axis,), observation, "fixed", chunk, effects)
     return sweeps
 

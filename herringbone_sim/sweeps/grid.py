@@ -281,8 +281,10 @@ def default_chunk(base: Parameters, actives: Sequence[Active], start: str) -> in
     ``SMALL_CHUNK`` in a continuation, and for a gear that is integrated by the laws of its
     effects. ParameterError if the gear lacks the place of an effect.
     """
+    if start != "fixed":
+        return SMALL_CHUNK
     by_laws = bool(actives) and build_with(base, actives).integrator is not None
-    return SMALL_CHUNK if start != "fixed" or by_laws else CHUNK
+    return SMALL_CHUNK if by_laws else CHUNK
 
 
 def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
