@@ -144,9 +144,8 @@ def law_row(text: str, slots: bool, rounds: int) -> tuple[list[float], list[floa
     after = exact.advance_cycles(y, np.zeros((0, y.size)), 60, CYCLES)[0]
     wrong = machine.advance_cycles(start, none, 60, CYCLES)[0] - same(after)
     wanted = [same(row) for row in exact.advance_cycles(y, np.eye(y.size), 60, 1)[1]]
-    found = machine.advance_cycles(start, np.array([same(row) for row in np.eye(y.size)]), 60, 1)[
-        1
-    ]
+    frames = np.array([same(row) for row in np.eye(y.size)])
+    _, found = machine.advance_cycles(start, frames, 60, 1)
     times = [
         best(partial(machine.advance_cycles, start, tangents, 60, CYCLES), rounds) / CYCLES
         for tangents in (none, frame[:1])
@@ -195,9 +194,8 @@ def print_reference() -> None:
     for text in EFFECTS:
         model, actives = gear(text), read_effects(text)
         machine, n, first = Stepper(model), model.layout.n_state, 200
-        start = machine.advance_cycles(machine.start().y, np.zeros((0, model.n_state)), 0, first)[
-            0
-        ]
+        none = np.zeros((0, model.n_state))
+        start, _ = machine.advance_cycles(machine.start().y, none, 0, first)
         begin = replace(machine.start(), y=start, cycle=first)
         found = machine.advance(begin, CYCLES * model.parameters.samples_per_cycle)
         n_added = Reference(model, actives).n_added_states

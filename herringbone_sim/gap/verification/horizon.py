@@ -106,16 +106,16 @@ def largest_exponent(
     unit = np.repeat([s.b_c, s.velocity_m_per_s], m)
     cycles = max(int(run.cycles), 10)
     state = np.concatenate([fused.z[0], fused.z_rate[0]])
-    effect_states = np.zeros((2, simulator.laws.n_added_states))
+    added_states = np.zeros((2, simulator.laws.n_added_states))
     tangent = rng.normal(size=2 * m)
     growth = np.empty(cycles)
     tangent *= SEPARATION / np.linalg.norm(tangent)
     for cycle in range(cycles):
         pair = np.stack([state, state + tangent * unit])
         phase = np.full(2, run.phase[0] + 2.0 * np.pi * cycle)
-        simulated = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, effect_states)
+        simulated = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, added_states)
         ends = np.hstack([simulated.z[:, 1], simulated.z_rate[:, 1]])
-        state, effect_states = ends[0], simulated.added_states[:1, 1].repeat(2, axis=0)
+        state, added_states = ends[0], simulated.added_states[:1, 1].repeat(2, axis=0)
         tangent = (ends[1] - ends[0]) / unit
         length = float(np.linalg.norm(tangent))
         if not np.isfinite(length) or length == 0.0:
@@ -173,7 +173,7 @@ def _predict(
     z_rate: Array,
     simulator: GearSimulator,
     horizon: Horizon,
-    effect_states: Array,
+    added_states: Array,
 ) -> Array:
     """Simulate from each start; return coordinates (s, samples, n_coordinate) [m] after the start.
 
@@ -182,11 +182,11 @@ def _predict(
         z, z_rate: (n, n_coordinate) measured motion [m], [m/s], which holds the initial states.
         simulator: of the model.
         horizon: start samples and length.
-        effect_states: (s, n_added_states) at the starts.
+        added_states: (s, n_added_states) at the starts.
     """
     at = horizon.starts
     simulated = simulator.run(
-        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, effect_states
+        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, added_states
     )
     return simulated.z[:, 1:]
 

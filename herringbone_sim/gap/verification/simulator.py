@@ -88,12 +88,9 @@ class GearSimulator:
             samples: number of samples of each motion.
             added_states: (s, n_added_states) initial states of effects; None: zero.
         """
-        p, n_added_states, m = (
-            self.model.parameters,
-            self.laws.n_added_states,
-            self.model.layout.n_coordinate,
-        )
-        added_states = np.zeros((len(z), n_added_states)) if added_states is None else added_states
+        p, m = self.model.parameters, self.model.layout.n_coordinate
+        if added_states is None:
+            added_states = np.zeros((len(z), self.laws.n_added_states))
         y = np.ascontiguousarray(np.hstack([np.hstack([z, z_rate]) / self._unit, added_states]))
         cycle = np.floor(phase / TWO_PI)
         parts = math.ceil(STEPS * max(1.0, 1.0 / p.Omega) * turn / TWO_PI)
