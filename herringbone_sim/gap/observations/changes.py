@@ -94,7 +94,8 @@ class LawChanges:
 
     def _add(self, change: LawChange, m: MeshMotion, amplitudes: Mapping[str, Array]) -> None:
         """Add all functions but those of moving parts, at their amplitudes, to ``change``."""
-        on = [f for f in self._others if np.any(amplitudes.get(f.name, 0.0))]
+        acting = {name for name, a in amplitudes.items() if np.any(a)}
+        on = [f for f in self._others if f.name in acting]
         for stage in STAGES:
             chosen = [f for f in on if stage(f)]
             if chosen:

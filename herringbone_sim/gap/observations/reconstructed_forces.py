@@ -207,7 +207,7 @@ def _state_errors(
     moved = -(inverse @ (J.T @ (responses @ coefficients)))[:n]
     each = np.arange(W)
     own_blocks = covariance[:n, :n].reshape(W, STATES, W, STATES)[each, :, each]
-    T = propagators(s, solution.tangents)[:, :-1]
+    T = propagators(s, solution.integrator, solution.starts)[:, :-1]
     pushed = _responses_of_states(s, solution, (m, now), functions, block.functions)
     return StateErrors(
         (T @ own_blocks[:, None] @ T.transpose(0, 1, 3, 2)).reshape(-1, STATES, STATES),

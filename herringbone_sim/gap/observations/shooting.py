@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.signal import savgol_filter
 
 from herringbone_sim.arrays import Array
@@ -18,7 +17,7 @@ from herringbone_sim.gap.observations.body_motion import (
     rigid_moment,
     shaft_rotations,
 )
-from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
+from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
 from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
 from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
@@ -34,18 +33,18 @@ class WindowSolution:
     """W windows integrated from given start states, with their residuals and derivatives.
 
     Attributes:
+        integrator: of the windows.
         starts: (W, 18) start states [m], [m/s].
         states: (W, steps + 1, 18) states at every step.
-        tangents: (W, steps, 18, 18) derivative of the end of each step by its start.
         slope: (W, samples, k, 18) derivative of the channels by the state, over the noise.
         residuals: (W, samples, k) measured minus predicted, over the noise.
         jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
         trends: (m,) amplitudes of ``Windows.trends``.
     """
 
+    integrator: WindowIntegrator
     starts: Array
     states: Array
-    tangents: Array
     slope: Array
     residuals: Array
     jumps: Array
@@ -91,17 +90,22 @@ def evaluated(
         trends: (m,) amplitudes of ``Windows.trends``; None: zero.
     """
     amplitudes = np.zeros(len(s.trends.size)) if trends is None else trends
-    states, tangents = integrate_windows(
-        starts, s.first_half_step, s.steps_per_window, s.h, forcing
-    )
-    seen, slope = s.channel_outputs(states, forcing)
-    measured = s.measured - s.trend_values(amplitudes)
+    return _evaluated(s, s.integrator(forcing), starts, amplitudes)
+
+
+def _evaluated(
+    s: Windows, integrator: WindowIntegrator, starts: Array, trends: Array
+) -> WindowSolution:
+    """Windows from start states (W, 18), compared with the readings; see ``evaluated``."""
+    states = integrator.states(starts)
+    seen, slope = s.channel_outputs(states, integrator.forcing)
+    measured = s.measured - s.trend_values(trends)
     off, slope = (measured - seen) * s.weight, slope * s.weight[..., None]
     jumps = (states[:-1, -1] - starts[1:]) / s.scale
-    return WindowSolution(starts, states, tangents, slope, off, jumps, amplitudes)
+    return WindowSolution(integrator, starts, states, slope, off, jumps, trends)
 
 
-def propagators(s: Windows, tangents: Array) -> Array:
+def propagators(s: Windows, integrator: WindowIntegrator, starts: Array) -> Array:
     """Derivatives (W, samples + 1, 18, 18) of the states at samples by the start states.
 
     The last is that of the end of the window. Start states and end are in units of
@@ -109,29 +113,18 @@ def propagators(s: Windows, tangents: Array) -> Array:
 
     Args:
         s: the windows.
-        tangents: (W, steps, 18, 18) derivatives of single steps.
+        integrator: of windows of their length.
+        starts: (W, 18) start states [m], [m/s].
     """
-    derivatives = np.empty((len(tangents), s.samples_per_window + 1, STATES, STATES))
-    _propagate(tangents, np.diag(s.scale), s.steps_per_sample, derivatives)
-    derivatives[:, -1] /= s.scale[:, None]
-    return derivatives
-
-
-@njit(cache=True, nogil=True)
-def _propagate(tangents, start, each, products):  # type: ignore[no-untyped-def]
-    """Write products of step tangents and ``start`` to ``products``, one every ``each`` steps."""
-    for w in range(len(tangents)):
-        now = start.copy()
-        products[w, 0] = now
-        for q in range(tangents.shape[1]):
-            now = np.dot(tangents[w, q], now)
-            if (q + 1) % each == 0:
-                products[w, (q + 1) // each] = now
+    tangents = integrator.tangents(starts, s.steps_per_sample) * s.scale
+    tangents[:, -1] /= s.scale[:, None]
+    first = np.broadcast_to(np.diag(s.scale), (len(starts), 1, STATES, STATES))
+    return np.concatenate([first, tangents], axis=1)
 
 
 def window_jacobian(s: Windows, solution: WindowSolution) -> WindowJacobian:
     """Jacobian of predicted channels and jumps by scaled start states, over the noise."""
-    T = propagators(s, solution.tangents)
+    T = propagators(s, solution.integrator, solution.starts)
     readings = (solution.slope @ T[:, :-1]).reshape(s.n_windows, -1, STATES)
     return WindowJacobian(readings, T[:-1, -1] / JUMP_SD, 1.0 / JUMP_SD)
 
@@ -160,6 +153,7 @@ def fitted_windows(
         Windows of the last accepted step; the initial ones if their chi2 is not finite.
     """
     solution, damping = evaluated(s, starts, forcing, trends), 1e-2
+    integrator = solution.integrator
     cost = solution.cost
     of_trends = s.trend_rows()
     for _ in range(rounds if np.isfinite(cost) else 0):  # diverged windows are not fitted
@@ -174,8 +168,8 @@ def fitted_windows(
                 return solution
             trend_step = _trend_step(s, of_trends, residual, right, solved, damping)
             step = solved[:, :, 0] - solved[:, :, 1:] @ trend_step
-            tried = evaluated(
-                s, solution.starts + step * s.scale, forcing, solution.trends + trend_step
+            tried = _evaluated(
+                s, integrator, solution.starts + step * s.scale, solution.trends + trend_step
             )
             now = tried.cost
             if np.isfinite(now) and now < cost:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.observations.rollout import STATES, Forcing, integrate_windows
+from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
     WindowSolution,
@@ -107,20 +107,21 @@ def _window(
     """
     K = len(expected)
     first = np.full(K, s.first_half_step[w])
+    integrator = s.integrator(forcing, first)
 
     def evaluate(z: Array) -> tuple[Array, ...]:
-        """States, tangents, channel derivatives, residuals and chi2 at scaled starts z (K, 18)."""
-        states, tangents = integrate_windows(z * s.scale, first, s.steps_per_window, s.h, forcing)
+        """End of the window, channel derivatives, residuals, chi2 at scaled starts z (K, 18)."""
+        states = integrator.states(z * s.scale)
         seen, slope = s.channel_outputs(states, forcing, first)
         off = (s.measured[w] - seen) * s.weight[w]
         away = z - expected
         cost = (off**2).sum(axis=(1, 2)) + np.einsum("ki,kij,kj->k", away, precision, away)
-        return states, tangents, slope * s.weight[w][..., None], off, cost
+        return states[:, -1], slope * s.weight[w][..., None], off, cost
 
     z, damping = expected.copy(), np.full(K, 1e-2)
-    states, tangents, slope, off, cost = evaluate(z)
+    end, slope, off, cost = evaluate(z)
     for number in range(FILTER_MAX_ROUNDS + 1):
-        T = propagators(s, tangents)
+        T = propagators(s, integrator, z * s.scale)
         J = (slope @ T[:, :-1]).reshape(K, -1, STATES)
         normal = J.transpose(0, 2, 1) @ J + precision
         if number == FILTER_MAX_ROUNDS:
@@ -133,11 +134,11 @@ def _window(
         better = now < cost
         gained = np.where(better, cost - now, 0.0)
         z, cost = np.where(better[:, None], z + step, z), np.minimum(now, cost)
-        states, tangents, slope, off = (
+        end, slope, off = (
             np.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
-            for a, b in zip(new, (states, tangents, slope, off), strict=True)
+            for a, b in zip(new, (end, slope, off), strict=True)
         )
         damping *= np.where(better, 1.0 / 6.0, 6.0)
         if np.all(gained < FILTER_TOLERANCE * cost) and better.any():
             break
-    return z, cost, normal, T[:, -1], states[:, -1] / s.scale
+    return z, cost, normal, T[:, -1], end / s.scale

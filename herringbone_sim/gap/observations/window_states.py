@@ -8,6 +8,7 @@ Van Loan, Matrix Computations, sec. 4.5).
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from herringbone_sim.arrays import Array
 
@@ -28,25 +29,37 @@ class BlockTridiagonal:
 
     def __init__(self, own: Array, below: Array) -> None:
         self._inverse, self._below = np.empty_like(own), np.empty_like(below)
-        rest = own[0]
-        for w in range(len(own)):
-            if w:
-                self._below[w - 1] = below[w - 1] @ self._inverse[w - 1].T
-                rest = own[w] - self._below[w - 1] @ self._below[w - 1].T
-            self._inverse[w] = np.linalg.inv(np.linalg.cholesky(rest))
+        _factor(own, below, self._inverse, self._below)
 
     def solve(self, right: Array) -> Array:
         """Solution (W, n, k) for right sides (W, n, k)."""
-        solution = np.empty_like(right)
-        for w in range(len(right)):
-            remainder = right[w] - self._below[w - 1] @ solution[w - 1] if w else right[w]
-            solution[w] = self._inverse[w] @ remainder
-        for w in range(len(right) - 1, -1, -1):
-            remainder = solution[w]
-            if w + 1 < len(right):
-                remainder = remainder - self._below[w].T @ solution[w + 1]
-            solution[w] = self._inverse[w].T @ remainder
+        solution = np.array(right, order="C")
+        _solve(self._inverse, self._below, solution)
         return solution
+
+
+@njit(cache=True, nogil=True)
+def _factor(own, below, inverse, factors):  # type: ignore[no-untyped-def]
+    """Write inverse Cholesky factors (W, n, n) and the blocks (W - 1, n, n) below them."""
+    rest = own[0].copy()
+    for w in range(len(own)):
+        if w:
+            factors[w - 1] = np.dot(below[w - 1], inverse[w - 1].T)
+            rest = own[w] - np.dot(factors[w - 1], factors[w - 1].T)
+        inverse[w] = np.linalg.inv(np.linalg.cholesky(rest))
+
+
+@njit(cache=True, nogil=True)
+def _solve(inverse, below, solution):  # type: ignore[no-untyped-def]
+    """Solve in place for right sides (W, n, k), by blocks of ``_factor``."""
+    for w in range(len(solution)):
+        if w:
+            solution[w] -= np.dot(below[w - 1], solution[w - 1])
+        solution[w] = np.dot(inverse[w], solution[w])
+    for w in range(len(solution) - 1, -1, -1):
+        if w + 1 < len(solution):
+            solution[w] -= np.dot(below[w].T, solution[w + 1])
+        solution[w] = np.dot(inverse[w].T, solution[w])
 
 
 class WindowJacobian:

@@ -15,7 +15,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.body_motion import inverse_masses, shaft_rotations
-from herringbone_sim.gap.observations.rollout import STATES, Forcing
+from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
 from herringbone_sim.gap.observations.window_channels import (
     WindowChannels,
     channel_outputs,
@@ -79,6 +79,13 @@ class Windows:
     def steps_per_sample(self) -> int:
         """Integration steps per sample."""
         return self.steps_per_window // self.samples_per_window
+
+    def integrator(
+        self, forcing: Forcing, first: NDArray[np.int64] | None = None
+    ) -> WindowIntegrator:
+        """Integrator of the windows, or of those that start at the half steps ``first``."""
+        at = self.first_half_step if first is None else first
+        return WindowIntegrator(at, self.steps_per_window, self.h, forcing)
 
     def in_windows(self, values: Array) -> Array:
         """Cut channels (n, k) into windows (W, samples, k), 0 for missing readings."""
