@@ -61,7 +61,7 @@ class CoefficientBuilder:
         """Append (row, function, weights (runs,)), and those that follow, to ``placed``."""
         rows = self.rows(o)
         w = np.broadcast_to(weight, (self.runs, rows))
-        for row in np.flatnonzero(np.any(w != 0.0, axis=0)):
+        for row in np.flatnonzero(w[0] if weight.ndim < 2 else w.any(axis=0)):
             placed.setdefault(o, []).append((int(row), function, w[:, row]))
             if o == force_law.NAME and self.gear.uses_windows:
                 at = f"{function} of {row}"

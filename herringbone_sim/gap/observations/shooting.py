@@ -8,6 +8,7 @@ continuity constraint: jumps add to chi2 (H. G. Bock, Springer Series in Chemica
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -49,6 +50,11 @@ class WindowSolution:
     residuals: Array
     jumps: Array
     trends: Array
+
+    @cached_property
+    def step_tangents(self) -> Array:
+        """Derivatives (W, steps, 18, 18) of the state after each step by that before it."""
+        return self.integrator.tangents(self.starts, 1, restart=True)
 
     @property
     def states_of_all(self) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -156,7 +157,8 @@ class Trajectory(ForcedWindows):
             )
         if not self._has_converged(solution):
             solution = self.nominal
-        self._solutions[key], self._chi2[key] = solution, solution.cost
+        # A copy, without the tangents that ``solution`` keeps once they have been asked for.
+        self._solutions[key], self._chi2[key] = replace(solution), solution.cost
         comparable = self.windows is self.recorded
         if comparable and (self._least is None or solution.cost < self._least.cost):
             self._least = solution

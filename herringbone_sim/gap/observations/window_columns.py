@@ -175,8 +175,7 @@ def responses(
     end = np.empty((s.n_windows, STATES, P))
     way = np.ascontiguousarray(0.5 * s.h * direction.T)
     slope = np.ascontiguousarray(solution.slope)
-    tangents = solution.integrator.tangents(solution.starts, 1, restart=True)
-    _respond(tangents, way, pushed, slope, each, data, end)
+    _respond(solution.step_tangents, way, pushed, slope, each, data, end)
     ties = end[:-1] / (s.scale[:, None] * JUMP_SD)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
@@ -42,12 +44,13 @@ class Contacts:
 
     Attributes:
         first_time: middle of the first contact in 1 / ``MIDDLES_PER_CYCLE`` mesh cycles.
-        response: by kind of event (n_mesh, times, rows), over the noise, states projected out.
+        response: by kind of event (n_mesh, times, rows), over the noise, states projected out;
+            in single precision, as it takes most of the memory of a diagnosis.
         residual: (rows,) residual of the windows, over the noise.
     """
 
     first_time: int
-    response: dict[str, Array]
+    response: dict[str, NDArray[np.float32]]
     residual: Array
 
     def folded(self, kind: str, bins: int) -> Array:
@@ -94,23 +97,24 @@ def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
     of_window = np.append(of_window, np.repeat(np.arange(W - 1), s.G.shape[1] * 2))
+    first_time, rows = before[of_window] - before.min(), np.arange(len(of_window))
+    residual = block.residual[:, 0] / block.sigma[0, 0]
     by_kind = {}
     for kind, force in event_columns(m, now).items():
-        size = shape[None] * force.T[:, at][:, None]
-        response = responses(
-            s,
-            solution,
-            np.repeat(-s.inverse_masses * s.G, len(near), axis=0),
-            size.reshape(-1, *size.shape[2:]),
-            np.repeat(np.eye(M), len(near), axis=0),
-        ).reshape(-1, M, len(near))
-        at_times = np.zeros((M, times, len(response)))
-        mesh_rows = np.arange(len(response))
-        for i in near:
-            at_times[:, before[of_window] - before.min() + i, mesh_rows] += response[:, :, i].T
-        flat = clear(at_times.reshape(-1, len(response)).T).T / block.sigma[0, 0]
-        by_kind[kind] = flat.reshape(M, times, -1)
-    return Contacts(int(before.min()), by_kind, block.residual[:, 0] / block.sigma[0, 0])
+        by_kind[kind] = np.empty((M, times, len(residual)), dtype=np.float32)
+        for j in range(M):  # one by one: responses at all times take much memory
+            response = responses(
+                s,
+                solution,
+                np.repeat(-s.inverse_masses * s.G[j : j + 1], len(near), axis=0),
+                shape * force[at, j],
+                np.repeat(np.eye(M)[j : j + 1], len(near), axis=0),
+            )
+            at_times = np.zeros((len(response), times))
+            for i in near:
+                at_times[rows, first_time + i] = response[:, i]
+            by_kind[kind][j] = clear(at_times).T / block.sigma[0, 0]
+    return Contacts(int(before.min()), by_kind, residual)
 
 
 def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Event]:
@@ -122,9 +126,12 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
         ),
         range(len(blocks)),
     )
+    found = parallel_map(
+        lambda of: list(_best_events(gear, contacts, *of)), product(EVENT_KINDS, MEMBERS)
+    )
     chosen = []
     for kind in EVENT_KINDS:
-        ranked = [e for member in MEMBERS for e in _best_events(gear, contacts, kind, member)]
+        ranked = [best for events in found for best in events if best[1].effect == kind]
         ranked.sort(key=lambda c: -c[0])
         chosen += _distinct_events(gear, ranked)[:per_kind]
     return chosen
