@@ -62,7 +62,7 @@ def test_windows_follow_the_equation_of_motion(forcing: Forcing, starts: np.ndar
     def at(values: np.ndarray, t: float, first: int) -> np.ndarray:
         i = first + 2.0 * t / H
         n = min(int(i), first + 2 * STEPS - 1)
-        return values[n] + (i - n) * (values[n + 1] - values[n])
+        return np.asarray(values[n] + (i - n) * (values[n + 1] - values[n]))
 
     def slope(t: float, y: np.ndarray, first: int) -> np.ndarray:
         now = {name: at(getattr(forcing, name), t, first) for name in Forcing._fields[2:]}
@@ -71,6 +71,10 @@ def test_windows_follow_the_equation_of_motion(forcing: Forcing, starts: np.ndar
         force = now["k"] * f + now["c"] * v + now["extra_force"]
         return np.append(y[half:], forcing.inverse_masses * (now["tau"] - force @ forcing.G))
 
+    x = found[..., :half] @ forcing.G.T
+    assert x.max() > 3e-5  # drive flank
+    assert x.min() < -4e-5  # back flank
+    assert np.abs(x).min() < 1e-6  # neither
     size = np.sqrt(np.mean(found**2, axis=(0, 1)))
     for w in (0, 16, WINDOWS - 1):
         end = solve_ivp(slope, (0.0, STEPS * H), starts[w], args=(w,), rtol=1e-10, atol=1e-13).y[
@@ -79,7 +83,7 @@ def test_windows_follow_the_equation_of_motion(forcing: Forcing, starts: np.ndar
         assert np.all(np.abs(found[w, -1] - end) < 2e-3 * size)
 
 
-@pytest.mark.parametrize("number", [1, 3, 5, 16, 17])
+@pytest.mark.parametrize("number", [1, 3, 5, 8, 12, 16, 17])
 def test_a_window_does_not_depend_on_those_beside_it(
     number: int, forcing: Forcing, starts: np.ndarray
 ) -> None:
@@ -92,7 +96,7 @@ def test_a_window_does_not_depend_on_those_beside_it(
 
 
 def test_tangents_are_derivatives_of_the_states(forcing: Forcing, starts: np.ndarray) -> None:
-    """By differences of a hundred-millionth of the motion, within which no contact changes."""
+    """By differences of a hundred-millionth of the motion; a contact changes in few of them."""
     integrator = WindowIntegrator(np.arange(WINDOWS), STEPS, H, forcing)
     tangents = integrator.tangents(starts, EVERY)
     sizes = 3e-13 * np.repeat([1.0, MODEL.scales.omega_n], STATES // 2)
@@ -101,7 +105,8 @@ def test_tangents_are_derivatives_of_the_states(forcing: Forcing, starts: np.nda
         apart = integrator.states(starts + moved) - integrator.states(starts - moved)
         differences = apart[:, EVERY::EVERY] / (2.0 * sizes[i])
         scale = np.abs(tangents[..., i]).max(axis=(0, 1))
-        assert np.median(np.abs(differences - tangents[..., i]) / scale) < 1e-5
+        off = np.abs(differences - tangents[..., i]) / scale
+        assert np.quantile(off, 0.99) < 1e-5
 
 
 def test_tangents_of_intervals_make_up_those_of_the_window(

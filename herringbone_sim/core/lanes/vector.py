@@ -1,4 +1,4 @@
-"""Numba types for one number or sixteen side by side (lanes), in which the kernel is written.
+"""Numba types for one number or sixteen side by side (lanes), in which integrators are written.
 
 Numba compiles ``a * b`` on sixteen numbers to one instruction for each vector register, two of the
 widest registers or more of narrower ones. Lanes never mix: the result in a lane does not depend on

@@ -4,8 +4,8 @@ Nine body rotations u and their rates: d2u/dt2 = M^-1 (tau - G' F), x = G u - e 
 F = k f(x) + c v + extra_force, Eqs. (12) to (16) with the rigid rotation included. Contact is not
 located; the error counts as noise, see ``windows.INTEGRATION_ERROR``.
 
-Windows are integrated side by side, in lanes (``core.lanes.vector``). Where they are fewer than
-lanes, each is in several lanes, which divide the columns of its tangent among them.
+Windows are integrated side by side, in lanes (``core.lanes.vector``). Where there are two lanes or
+more for each, they divide the columns of its tangent among them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Forcing(NamedTuple):
 
 
 class WindowIntegrator:
-    """Equation of motion of W windows, for any start states.
+    """Integrates W windows from any start states.
 
     Args:
         first: (W,) index of the half step at which each window starts.
@@ -70,7 +70,7 @@ class WindowIntegrator:
         states = np.empty((len(starts), self._steps + 1, STATES))
         for at in self._batches():
             nothing = np.empty((len(starts[at]), 0, STATES, STATES))
-            self._integrate(at, starts, states[at], nothing)
+            self._integrate(at, starts, states[at], nothing, self._steps, False)
         return states
 
     def tangents(self, starts: Array, every: int, restart: bool = False) -> Array:
@@ -87,7 +87,7 @@ class WindowIntegrator:
         tangents = np.empty((len(starts), self._steps // every, STATES, STATES))
         for at in self._batches():
             states = np.empty((len(starts[at]), self._steps + 1, STATES))
-            self._integrate(at, starts, states, tangents[at], restart)
+            self._integrate(at, starts, states, tangents[at], every, restart)
         return tangents
 
     def _batches(self) -> list[slice]:
@@ -95,12 +95,12 @@ class WindowIntegrator:
         return [slice(i, i + LANES) for i in range(0, len(self._first), LANES)]
 
     def _integrate(
-        self, at: slice, starts: Array, states: Array, tangents: Array, restart: bool = False
+        self, at: slice, starts: Array, states: Array, tangents: Array, every: int, restart: bool
     ) -> None:
         """Write states and tangents of some windows; see ``_rollout``."""
         states[:, 0] = starts[at]
         first = np.resize(self._first[at], LANES)
-        _rollout(self.forcing, self._moved, first, self._h, restart, states, tangents)
+        _rollout(self.forcing, self._moved, first, self._h, every, restart, states, tangents)
 
 
 @njit(cache=True, nogil=True)
@@ -130,7 +130,7 @@ def _read_part(values, at, first, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rollout(forcing, moved, first, h, restart, states, tangents):  # type: ignore[no-untyped-def]
+def _rollout(forcing, moved, first, h, every, restart, states, tangents):  # type: ignore[no-untyped-def]
     """Integrate n windows from ``states[:, 0]``, and their tangents.
 
     Args:
@@ -138,14 +138,14 @@ def _rollout(forcing, moved, first, h, restart, states, tangents):  # type: igno
         moved: (n_mesh, 3) indices of the bodies that the meshes depend on.
         first: (lanes,) half step at which each window starts; lane i has window i modulo n.
         h: step.
-        restart: see ``WindowIntegrator.tangents``.
+        every, restart: see ``WindowIntegrator.tangents``.
         states: (n, steps + 1, 18); all but the first are written.
-        tangents: (n, intervals, 18, 18), written after equal numbers of steps; none if empty.
+        tangents: (n, intervals, 18, 18); where there are no intervals, none are computed.
     """
     M, mobility = len(moved), forcing.inverse_masses
     n, steps, intervals = states.shape[0], states.shape[1] - 1, tangents.shape[1]
     copies = LANES // n
-    passes, every = (-(-STATES // copies), steps // intervals) if intervals else (0, steps)
+    passes = -(-STATES // copies) if intervals else 0
     columns = np.empty((passes, STATES, LANES))
     _unit(columns, n)
     half, sixth, third = 0.5 * h, h / 6.0, h / 3.0

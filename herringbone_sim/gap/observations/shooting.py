@@ -7,8 +7,7 @@ continuity constraint: jumps add to chi2 (H. G. Bock, Springer Series in Chemica
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -50,11 +49,15 @@ class WindowSolution:
     residuals: Array
     jumps: Array
     trends: Array
+    # No cached_property: before Python 3.12 it lets one thread at a time compute.
+    _cached: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
+    @property
     def step_tangents(self) -> Array:
         """Derivatives (W, steps, 18, 18) of the state after each step by that before it."""
-        return self.integrator.tangents(self.starts, 1, restart=True)
+        if "step" not in self._cached:
+            self._cached["step"] = self.integrator.tangents(self.starts, 1, restart=True)
+        return self._cached["step"]
 
     @property
     def states_of_all(self) -> Array:

@@ -85,6 +85,7 @@ class Trajectory(ForcedWindows):
         self._restarted_when_settled: set[tuple[str, ...]] = set()
         self._independent: float | None = None
         self._least: WindowSolution | None = None
+        self._nominal_solution: WindowSolution | None = None
         self._tried: dict[tuple[str, ...], WindowSolution] = {}
 
     def fitted_states(
@@ -158,10 +159,11 @@ class Trajectory(ForcedWindows):
         if not self._has_converged(solution):
             solution = self.nominal
         # A copy, without the tangents that ``solution`` keeps once they have been asked for.
-        self._solutions[key], self._chi2[key] = replace(solution), solution.cost
+        copied = replace(solution)
+        self._solutions[key], self._chi2[key] = copied, solution.cost
         comparable = self.windows is self.recorded
         if comparable and (self._least is None or solution.cost < self._least.cost):
-            self._least = solution
+            self._least = copied
         return solution
 
     @contextmanager
@@ -201,14 +203,19 @@ class Trajectory(ForcedWindows):
         """Windows of the whole run, including those at its start that only the filter uses."""
         return ForcedWindows(self.run, 0, self.lead_windows + self.recorded.n_windows)
 
-    @cached_property
+    @property
     def nominal(self) -> WindowSolution:
         """States fitted under the nominal law, from planets in step and out of step; the best."""
-        forcing, forcing_with_lead = (
-            trajectory.forcing(LawChange(), self.masses({}), ())
-            for trajectory in (self, self._with_lead)
-        )
-        return filter_and_fit(self.recorded, forcing, self._with_lead.recorded, forcing_with_lead)
+        # No cached_property: before Python 3.12 it lets one thread at a time compute.
+        if self._nominal_solution is None:
+            forcing, forcing_with_lead = (
+                trajectory.forcing(LawChange(), self.masses({}), ())
+                for trajectory in (self, self._with_lead)
+            )
+            self._nominal_solution = filter_and_fit(
+                self.recorded, forcing, self._with_lead.recorded, forcing_with_lead
+            )
+        return self._nominal_solution
 
     def _restarted(
         self, forcing: Forcing, forcing_with_lead: Forcing, trends: Array

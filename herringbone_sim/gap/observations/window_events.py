@@ -97,7 +97,7 @@ def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
     W, samples, k = s.measured.shape
     of_window = np.repeat(np.arange(W), samples * k)
     of_window = np.append(of_window, np.repeat(np.arange(W - 1), s.G.shape[1] * 2))
-    first_time, rows = before[of_window] - before.min(), np.arange(len(of_window))
+    offset, rows = before[of_window] - before.min(), np.arange(len(of_window))
     residual = block.residual[:, 0] / block.sigma[0, 0]
     by_kind = {}
     for kind, force in event_columns(m, now).items():
@@ -112,7 +112,7 @@ def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
             )
             at_times = np.zeros((len(response), times))
             for i in near:
-                at_times[rows, first_time + i] = response[:, i]
+                at_times[rows, offset + i] = response[:, i]
             by_kind[kind][j] = clear(at_times).T / block.sigma[0, 0]
     return Contacts(int(before.min()), by_kind, residual)
 

@@ -19,6 +19,8 @@ ROUNDING_SHARES = (1e-12, 1e-8, 1e-4)
 class BlockTridiagonal:
     """Cholesky factor of a symmetric positive definite matrix of W x W blocks.
 
+    Where an entry is not finite, solutions are NaN.
+
     Args:
         own: (W, n, n) blocks on the diagonal.
         below: (W - 1, n, n) blocks below it.
@@ -28,8 +30,9 @@ class BlockTridiagonal:
     """
 
     def __init__(self, own: Array, below: Array) -> None:
-        self._inverse, self._below = np.empty_like(own), np.empty_like(below)
-        _factor(own, below, self._inverse, self._below)
+        self._inverse, self._below = np.full_like(own, np.nan), np.empty_like(below)
+        if np.isfinite(own).all() and np.isfinite(below).all():
+            _factor(own, below, self._inverse, self._below)
 
     def solve(self, right: Array) -> Array:
         """Solution (W, n, k) for right sides (W, n, k)."""
@@ -109,7 +112,7 @@ def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
     precision is then raised to a fraction of the largest entry of the window.
 
     Raises:
-        numpy.linalg.LinAlgError: no fraction suffices, as where entries are not finite.
+        numpy.linalg.LinAlgError: no fraction suffices.
     """
     eye = np.eye(jacobian.own.shape[1])
     largest = np.abs(jacobian.own).max(axis=(1, 2))[:, None, None]
@@ -119,7 +122,7 @@ def factored(jacobian: WindowJacobian, flat: float) -> BlockTridiagonal:
             return BlockTridiagonal(jacobian.own + prior, jacobian.below)
         except np.linalg.LinAlgError:
             continue
-    raise np.linalg.LinAlgError("states of windows are not finite")
+    raise np.linalg.LinAlgError("states of windows can't be eliminated")
 
 
 class StateElimination:
