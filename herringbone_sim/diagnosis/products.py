@@ -175,15 +175,33 @@ def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
 def residual_without_nuisance(block: Block) -> Array:
     """Return the residual over its noise (n, R), minus the posterior mean of all nuisances."""
     root = np.sqrt(block.independent_share)
-    w = (root / block.sigma)[:, :, None]
+    free, normal, right = _shared_equations(block)
+    mean = np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right)
+    return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
+
+
+def shared_nuisances(block: Block, at: Array) -> Array:
+    """Posterior mean (T,) of the shared nuisances of a block formed about values ``at`` (T,)."""
+    _, normal, right = _shared_equations(block)
+    precision = np.diag(block.shared_sd**-2.0)
+    return np.asarray(at + np.linalg.solve(normal + precision, right - precision @ at))
+
+
+def _shared_equations(block: Block) -> tuple[Array, Array, Array]:
+    """Normal equations of the shared nuisances, with those of single rows marginalised.
+
+    Returns:
+        Residual and columns of the shared nuisances, whitened and without nuisances of the rows
+        (n, R, 1 + T); the matrix (T, T) and right-hand side (T,) without the prior.
+    """
+    w = (np.sqrt(block.independent_share) / block.sigma)[:, :, None]
     shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
     every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
     free = np.stack(
         [nuisance_remover(block, row)(every[:, row]) for row in range(every.shape[1])], axis=1
     )
     normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
-    mean = np.linalg.solve(normal[:, 1:] + np.diag(block.shared_sd**-2.0), normal[:, 0])
-    return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
+    return free, normal[:, 1:], normal[:, 0]
 
 
 def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:

@@ -1,4 +1,4 @@
-"""Calibrate the sensors of a campaign: unknown noise, copied channels, a delay common to all."""
+"""Calibrate the sensors of a campaign: unknown noise, copies, common delay, encoder errors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from herringbone_sim.gap.data.prepared import PreparedCampaign, deciding
 from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_common_copies
+from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.tolerances import GAUGE_GAIN_TOLERANCE
 from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
@@ -16,10 +17,11 @@ STRIDE = 2  # samples from one value of the force law to the next in the search
 
 
 def calibrated_sensors(campaign: PreparedCampaign) -> PreparedCampaign:
-    """Campaign with unknown noise estimated, and copied channels and a common delay removed."""
+    """Campaign with unknown noise estimated; without copies, common delay and encoder errors."""
     campaign = without_copies(campaign)
-    runs = remove_common_delay(campaign.runs, assumed_gain_tolerances(campaign))
-    return replace(campaign, runs=runs)
+    tolerances = assumed_gain_tolerances(campaign)
+    runs = remove_common_delay(campaign.runs, tolerances)
+    return replace(campaign, runs=without_encoder_errors(runs, tolerances, STRIDE))
 
 
 def without_copies(campaign: PreparedCampaign) -> PreparedCampaign:

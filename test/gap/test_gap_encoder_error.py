@@ -1,0 +1,64 @@
+"""Errors of encoders once a revolution, off centre as the data sheet allows, are taken off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.prepared import Measured
+from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
+from herringbone_sim.gap.observations.runs import gear_run
+from herringbone_sim.gap.sensor_calibration import STRIDE, without_copies
+from herringbone_sim.practice.arrays import as_prepared
+from herringbone_sim.practice.campaign import make_campaign
+from herringbone_sim.practice.trial import Setting, plan_of
+
+pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+
+
+def test_errors_of_encoders_are_found_and_taken_off() -> None:
+    """A healthy rig by its encoders: the amplitude of each error is that of the label to 0.2 um,
+    in every run; displacements without rotations are corrected alike."""
+    made = make_campaign(plan_of(Setting(noise=("encoders",), truth="none"), 5))
+    campaign = without_copies(as_prepared(made))
+    runs = campaign.runs[:3]
+    assert all(run.u.complete and not run.x.recorded.any() for run in runs)
+    model = runs[0].model
+    off = np.array(made.label["noise"]["encoders"]["off"][0])
+    true = off * [model.scales.base_radius(body) for body in model.layout.bodies]
+    assert true.max() > 5e-7  # far above what is asked for
+
+    corrected = without_encoder_errors(runs, campaign.gain_tolerance, STRIDE)
+    for run, new in zip(runs, corrected, strict=True):
+        taken = run.u.values - new.u.values
+        assert np.ptp(taken, axis=0) / 2.0 == pytest.approx(true, abs=2e-7)
+
+    fused = gear_run(runs[0], 1).fused
+    by_mesh = replace(
+        runs[0],
+        x=Measured(fused.x, np.ones(fused.x.shape[1], dtype=bool), fused.sigma_x),
+        u=runs[0].u.without(np.ones(len(true), dtype=bool)),
+    )
+    (alone,) = without_encoder_errors([by_mesh], campaign.gain_tolerance, STRIDE)
+    expected = (runs[0].u.values - corrected[0].u.values) @ bodies_to_meshes(model).T
+    assert by_mesh.x.values - alone.x.values == pytest.approx(expected, abs=1e-7)
+    # Where both are measured, they tell the errors themselves.
+    both = replace(by_mesh, u=runs[0].u)
+    assert without_encoder_errors([both], campaign.gain_tolerance, STRIDE) == (both,)
+
+
+def test_nothing_is_taken_off_exact_displacements() -> None:
+    """Rotations of a healthy rig with white noise of 60 dB: at most half of their noise."""
+    plan = plan_of(Setting(snr_dB=(60.0,), truth="none"), 5)
+    campaign = without_copies(as_prepared(make_campaign(plan)))
+    runs = [
+        replace(run, x=run.x.without(np.ones(run.x.values.shape[1], dtype=bool)))
+        for run in campaign.runs[:2]
+    ]
+    for run, new in zip(
+        runs, without_encoder_errors(runs, campaign.gain_tolerance, STRIDE), strict=True
+    ):
+        assert np.abs(run.u.values - new.u.values).max() < 0.5 * np.max(run.u.sigma)
