@@ -16,7 +16,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Block, products, shared_nuisances
-from herringbone_sim.diagnosis.search import functions_used
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, functions_used
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -35,7 +35,7 @@ def without_encoder_errors(
     """Return the runs with estimated errors once a revolution taken off u, or off x.
 
     Unchanged where both or neither are measured, where some of them are missing, where the force
-    law can't be formed, and each run for which the estimate does not lower the chi2.
+    law can't be formed, and each run for which the estimate raises the chi2 by more than chance.
 
     Args:
         runs: of one rig.
@@ -84,7 +84,7 @@ def without_encoder_errors(
             if np.all(np.abs(step) < SETTLED * motion.sigma_x):
                 break
         prior = float(np.sum((errors / now.shared_sd[:n_errors]) ** 2))
-        if not _chi2(now) + prior < _chi2(before):
+        if not _chi2(now) + prior < _chi2(before) + CHANCE_CHI2:
             return run
         off = _of_bodies(_waves(run, run.phase), errors)
         if from_rotations:
