@@ -180,11 +180,10 @@ def residual_without_nuisance(block: Block) -> Array:
     return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
 
 
-def shared_nuisances(block: Block, at: Array) -> Array:
-    """Posterior mean (T,) of the shared nuisances of a block formed about values ``at`` (T,)."""
+def shared_nuisances(block: Block) -> Array:
+    """Posterior mean (T,) of the shared nuisances of a block."""
     _, normal, right = _shared_equations(block)
-    precision = np.diag(block.shared_sd**-2.0)
-    return np.asarray(at + np.linalg.solve(normal + precision, right - precision @ at))
+    return np.asarray(np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right))
 
 
 def _shared_equations(block: Block) -> tuple[Array, Array, Array]:

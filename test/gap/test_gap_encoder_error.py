@@ -9,8 +9,9 @@ import pytest
 
 from herringbone_sim.arrays import rms
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.data.prepared import Measured
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
+from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.runs import gear_run
 from herringbone_sim.gap.sensor_calibration import STRIDE, without_copies
 from herringbone_sim.practice.arrays import as_prepared
@@ -20,9 +21,16 @@ from herringbone_sim.practice.trial import Setting, plan_of
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
 
+def misfit(run: PreparedRun) -> float:
+    """RMS of measured minus nominal force."""
+    m = gear_run(run, 1).motion
+    return rms(m.F - law(m).force)
+
+
 def test_errors_of_encoders_are_found_and_taken_off() -> None:
     """A healthy rig by its encoders: amplitudes are those of the label to a fifth, in the RMS over
-    runs and bodies; displacements without rotations are corrected alike."""
+    runs and bodies, and the law fits better; displacements without rotations are corrected alike.
+    """
     made = make_campaign(plan_of(Setting(noise=("encoders",), truth="none"), 5))
     campaign = without_copies(as_prepared(made))
     runs = campaign.runs[:3]
@@ -36,6 +44,8 @@ def test_errors_of_encoders_are_found_and_taken_off() -> None:
     taken = [run.u.values - new.u.values for run, new in zip(runs, corrected, strict=True)]
     amplitude = np.array([np.ptp(values, axis=0) / 2.0 for values in taken])
     assert rms(amplitude - true) < 0.2 * rms(true)
+    for run, new in zip(runs, corrected, strict=True):
+        assert misfit(new) < misfit(run)
 
     fused = gear_run(runs[0], 1).fused
     by_mesh = replace(
@@ -46,9 +56,11 @@ def test_errors_of_encoders_are_found_and_taken_off() -> None:
     (alone,) = without_encoder_errors([by_mesh], campaign.gain_tolerance, STRIDE)
     expected = taken[0] @ bodies_to_meshes(model).T
     assert rms(by_mesh.x.values - alone.x.values - expected) < 0.2 * rms(expected)
-    # Where both are measured, they tell the errors themselves.
+    # Where both are measured, they tell the errors themselves; others are corrected all the same.
     both = replace(by_mesh, u=runs[0].u)
-    assert without_encoder_errors([both], campaign.gain_tolerance, STRIDE) == (both,)
+    same, new = without_encoder_errors([both, runs[1]], campaign.gain_tolerance, STRIDE)
+    assert same is both
+    assert new.encoder_errors == pytest.approx(corrected[1].encoder_errors)
 
 
 def test_nothing_is_taken_off_exact_displacements() -> None:

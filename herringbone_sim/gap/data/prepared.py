@@ -79,6 +79,8 @@ class PreparedRun:
         e_share: factor on the harmonics of e(t) in x by a filter common to all channels; 1: none.
         detrended: names of rotations, such as ``u_c``, recorded without mean and trend: those of
             an encoder that counts from an arbitrary mark.
+        encoder_errors: (2 n_bodies,) cos and sin amplitudes [m] by body of errors once a
+            revolution that were taken off u or x, see ``observations.encoder_error``; None: none.
     """
 
     name: str
@@ -99,6 +101,7 @@ class PreparedRun:
     delay_rad: float = 0.0
     e_share: float = 1.0
     detrended: tuple[str, ...] = ()
+    encoder_errors: Array | None = None
 
     def __len__(self) -> int:
         return len(self.times)

@@ -1,10 +1,11 @@
-"""Remove errors of encoders once a revolution, from rotations or displacements made of them.
+"""Linearise the force law about the errors that encoders have once a revolution.
 
-The engine marginalises such errors as small displacements about the measured ones. But an encoder
-of the data sheet is off by 1 to 4 um at the base circle, as much as the deflection under a light
-load: a mesh in contact is then read as separated, where no small displacement shows in the force.
-So each run's errors are estimated, with its tolerances, by Gauss-Newton on the force law of the
-nominal gear and taken off. What effects add to the estimate stays marginalised.
+Such errors are marginalised as small displacements. But an encoder of the data sheet is off by up
+to 2 um at the base circle, as much as the deflection under a light load: a mesh in contact is
+then read as separated, where no small displacement shows in the force. So each run's errors are
+estimated, with its tolerances, by Gauss-Newton on the force law of the nominal gear, and taken
+off. ``force_law.block`` adds what they would do to the linearised force: they stay marginalised,
+with the same prior.
 """
 
 from __future__ import annotations
@@ -34,17 +35,15 @@ def without_encoder_errors(
 ) -> tuple[PreparedRun, ...]:
     """Return the runs with estimated errors once a revolution taken off u, or off x.
 
-    Unchanged where both or neither are measured, where some of them are missing, where the force
-    law can't be formed, and each run for which the estimate raises the chi2 by more than chance.
+    Runs without forces, with both or neither of u and x, or with some of them missing stay as they
+    are; so do those that the estimate fits worse, by more than chance.
 
     Args:
         runs: of one rig.
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
         stride: samples from one value of the force law to the next.
     """
-    from_rotations = all(run.u.complete and not run.x.recorded.any() for run in runs)
-    from_displacements = all(run.x.complete and not run.u.recorded.any() for run in runs)
-    if not from_rotations and not from_displacements:
+    if not any(_of_one_kind(run) for run in runs):
         return tuple(runs)
     gear = Gear(runs, stride=stride, gain_tolerance=gain_tolerance)
     if not gear.has_force_law:
@@ -69,29 +68,38 @@ def without_encoder_errors(
 
     def corrected(r: int) -> PreparedRun:
         run, motion = gear.runs[r].run, gear.runs[r].strided
+        if not _of_one_kind(run):
+            return run
         of_bodies = bodies_to_meshes(gear.model)
         waves = _waves(run, motion.phase)
         now = before = block(motion, r)
-        n_errors = 2 * of_bodies.shape[1]
-        errors = np.zeros(n_errors)
+        errors = np.zeros(2 * of_bodies.shape[1])
+        moved = np.zeros_like(motion.x)
         for _ in range(MAX_ROUNDS):
-            at = np.zeros(len(now.shared_sd))
-            at[:n_errors] = errors
-            last, errors = errors, shared_nuisances(now, at)[:n_errors]
+            last, errors = moved, shared_nuisances(now)[: len(errors)]
             moved = _of_bodies(waves, errors) @ of_bodies.T
-            step = moved - _of_bodies(waves, last) @ of_bodies.T
-            now = block(replace(motion, x=motion.x - moved), r)
-            if np.all(np.abs(step) < SETTLED * motion.sigma_x):
+            now = block(replace(motion, x=motion.x - moved, encoder_errors=errors), r)
+            if np.all(np.abs(moved - last) < SETTLED * motion.sigma_x):
                 break
-        prior = float(np.sum((errors / now.shared_sd[:n_errors]) ** 2))
-        if not _chi2(now) + prior < _chi2(before) + CHANCE_CHI2:
+        if not _chi2(now) < _chi2(before) + CHANCE_CHI2:
             return run
         off = _of_bodies(_waves(run, run.phase), errors)
-        if from_rotations:
-            return replace(run, u=replace(run.u, values=run.u.values - off))
-        return replace(run, x=replace(run.x, values=run.x.values - off @ of_bodies.T))
+        u, x = run.u.values - off, run.x.values - off @ of_bodies.T
+        return replace(
+            run,
+            u=replace(run.u, values=u),
+            x=replace(run.x, values=x),
+            encoder_errors=errors,
+        )
 
     return tuple(parallel_map(corrected, range(len(runs))))
+
+
+def _of_one_kind(run: PreparedRun) -> bool:
+    """Whether u of all bodies is recorded and no x, or x of all meshes and no u."""
+    return (run.u.complete and not run.x.recorded.any()) or (
+        run.x.complete and not run.u.recorded.any()
+    )
 
 
 def _waves(run: PreparedRun, phase: Array) -> Array:

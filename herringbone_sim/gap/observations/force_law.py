@@ -175,7 +175,8 @@ def block(
 ) -> Block:
     """Return the force-law residual of a run: measured minus modelled force [N], a row a mesh.
 
-    Rows of meshes whose force or motion is not known are zero.
+    The law is linearised about ``m.encoder_errors``, if any; the residual is that without them, so
+    that their prior stays about 0. Rows of meshes whose force or motion is not known are zero.
 
     Args:
         m: motion of the run.
@@ -211,6 +212,9 @@ def block(
         axis=1,
     )
     shared, shared_sd = encoder_nuisances(model, names)
+    shared = shared * known[None, :, None]
+    if m.encoder_errors is not None:
+        residual = residual + np.einsum("nrq,trq,t->nr", columns, shared, m.encoder_errors)
     return Block(
         NAME,
         m.name,
@@ -221,7 +225,7 @@ def block(
         columns,
         nuisance,
         sd,
-        shared * known[None, :, None],
+        shared,
         shared_sd,
     )
 

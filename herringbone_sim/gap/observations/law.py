@@ -41,6 +41,7 @@ class MeshMotion:
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
         filtered: (filters, n, n_mesh) change of the force by common filters [N], see
             ``common_filter``; None where unknown.
+        encoder_errors: as in ``PreparedRun``.
     """
 
     name: str
@@ -62,6 +63,7 @@ class MeshMotion:
     c: Array
     b: Array
     filtered: Array | None = None
+    encoder_errors: Array | None = None
 
 
 def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
@@ -86,6 +88,7 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,
+        encoder_errors=run.encoder_errors,
     )
 
 
