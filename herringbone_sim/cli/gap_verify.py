@@ -1,7 +1,7 @@
 """Measure the augmented model of an earlier diagnosis (DIR/augmented.yaml) on further runs of the
 same rig, with the measures of its report: residual, prediction error over a horizon short
 against the Lyapunov time, distance of the attractors; each for the nominal model, the augmented
-one and the noise floor. Nothing is fitted, so every run of the campaign counts, whatever its role.
+one and the noise floor. Nothing of the gear is fitted, so every run counts, whatever its role.
 Prints the numbers beside those of the report and writes verify.json and verify.html. The example
 continues that of `gap`.
 """

@@ -70,6 +70,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a campaign; held-out runs are used only to measure the gap.
 
+    Errors of sensors that differ from run to run, as those of encoders, are estimated for each.
+
     Args:
         campaign: as prepared.
         say: called with a line of progress.

@@ -1,4 +1,4 @@
-"""Measure the gap of an earlier diagnosis on further runs of the rig; nothing is fitted."""
+"""Measure the gap of an earlier diagnosis on further runs of the rig; no gear is fitted."""
 
 from __future__ import annotations
 
