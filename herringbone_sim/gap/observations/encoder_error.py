@@ -27,6 +27,8 @@ from herringbone_sim.gap.observations.law import MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 
 MAX_ROUNDS = 8
+# Chi2 per value below which the nominal law fits: an effect adds less than the noise (d = 1).
+FITS = 2.0
 SETTLED = 0.1  # change of a displacement over its noise below which the estimate is final
 
 
@@ -36,7 +38,8 @@ def without_encoder_errors(
     """Return the runs with estimated errors once a revolution taken off u, or off x.
 
     Runs without forces, with both or neither of u and x, or with some of them missing stay as they
-    are; so do those that the estimate fits worse, by more than chance.
+    are; so do those that the estimate fits worse, by more than chance. All do where the nominal
+    law fits a run badly in either case: errors would be estimated that are an effect's.
 
     Args:
         runs: of one rig.
@@ -66,10 +69,11 @@ def without_encoder_errors(
             shared_sd=np.append(made.shared_sd, [c.sd for c in base]),
         )
 
-    def corrected(r: int) -> PreparedRun:
+    def corrected(r: int) -> tuple[PreparedRun, bool]:
+        """The run without its errors, and whether the nominal law then fits."""
         run, motion = gear.runs[r].run, gear.runs[r].strided
         if not _of_one_kind(run):
-            return run
+            return run, True
         of_bodies = bodies_to_meshes(gear.model)
         waves = _waves(run, motion.phase)
         now = before = block(motion, r)
@@ -81,18 +85,17 @@ def without_encoder_errors(
             now = block(replace(motion, x=motion.x - moved, encoder_errors=errors), r)
             if np.all(np.abs(moved - last) < SETTLED * motion.sigma_x):
                 break
-        if not _chi2(now) < _chi2(before) + CHANCE_CHI2:
-            return run
+        left, count = _chi2(now)
+        fits = left < FITS * count
+        if not left < _chi2(before)[0] + CHANCE_CHI2:
+            return run, fits
         off = _of_bodies(_waves(run, run.phase), errors)
-        u, x = run.u.values - off, run.x.values - off @ of_bodies.T
-        return replace(
-            run,
-            u=replace(run.u, values=u),
-            x=replace(run.x, values=x),
-            encoder_errors=errors,
-        )
+        u = replace(run.u, values=run.u.values - off)
+        x = replace(run.x, values=run.x.values - off @ of_bodies.T)
+        return replace(run, u=u, x=x, encoder_errors=errors), fits
 
-    return tuple(parallel_map(corrected, range(len(runs))))
+    new, fit = zip(*parallel_map(corrected, range(len(runs))), strict=True)
+    return new if all(fit) else tuple(runs)
 
 
 def _of_one_kind(run: PreparedRun) -> bool:
@@ -114,5 +117,7 @@ def _of_bodies(waves: Array, errors: Array) -> Array:
     return np.asarray(np.einsum("njt,jt->nj", waves, errors.reshape(-1, 2)))
 
 
-def _chi2(block: Block) -> float:
-    return float(products(block).chi2_without_nuisance.sum())
+def _chi2(block: Block) -> tuple[float, float]:
+    """Chi2 with nuisances marginalised, and the number of values in recorded rows."""
+    p = products(block)
+    return float(p.chi2_without_nuisance.sum()), float(p.count[p.chi2 != 0.0].sum())
