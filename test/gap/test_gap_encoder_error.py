@@ -75,3 +75,11 @@ def test_nothing_is_taken_off_exact_displacements() -> None:
         runs, without_encoder_errors(runs, campaign.gain_tolerance, STRIDE), strict=True
     ):
         assert np.abs(run.u.values - new.u.values).max() < 0.5 * np.max(run.u.sigma)
+
+
+def test_an_effect_is_not_taken_for_an_error_of_encoders() -> None:
+    """Backlash that shrinks at another rate, d = 10: the nominal law fits badly; no run changes."""
+    setting = Setting(noise=("encoders",), truth="thermal_backlash", d=(10.0,))
+    campaign = without_copies(as_prepared(make_campaign(plan_of(setting, 5))))
+    runs = campaign.runs[:3]
+    assert without_encoder_errors(runs, campaign.gain_tolerance, STRIDE) == runs
