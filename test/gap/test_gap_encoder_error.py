@@ -78,7 +78,7 @@ def test_nothing_is_taken_off_exact_displacements() -> None:
 
 
 def test_an_effect_is_not_taken_for_an_error_of_encoders() -> None:
-    """Backlash that shrinks at another rate, d = 10: the nominal law fits badly; no run changes."""
+    """Backlash that shrinks at another rate, d = 10: the nominal law fits badly: none changes."""
     setting = Setting(noise=("encoders",), truth="thermal_backlash", d=(10.0,))
     campaign = without_copies(as_prepared(make_campaign(plan_of(setting, 5))))
     runs = campaign.runs[:3]
