@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from herringbone_sim.arrays import rms
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
+from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import law
 from herringbone_sim.gap.observations.runs import gear_run
 from herringbone_sim.gap.sensor_calibration import STRIDE, without_copies
@@ -75,6 +77,30 @@ def test_nothing_is_taken_off_exact_displacements() -> None:
         runs, without_encoder_errors(runs, campaign.gain_tolerance, STRIDE), strict=True
     ):
         assert np.abs(run.u.values - new.u.values).max() < 0.5 * np.max(run.u.sigma)
+
+
+def test_the_residual_is_that_without_the_errors() -> None:
+    """About any errors that leave a mesh in deep contact, where the law is linear, the block is
+    the same as about none: the prior of the errors stays about 0."""
+    plan = plan_of(Setting(truth="none"), 5)
+    run = as_prepared(make_campaign(plan)).runs[0]
+    gear = Gear([run])
+    motion, model = gear.runs[0].strided, gear.model
+    errors = np.full(2 * len(model.layout.bodies), 3e-7)
+    turns = motion.phase[:, None] / [
+        cycles_per_shaft_turn(model)[b[0]] for b in model.layout.bodies
+    ]
+    of_bodies = 3e-7 * (np.cos(turns) + np.sin(turns))
+    rate = 3e-7 * motion.omega * np.gradient(np.cos(turns) + np.sin(turns), motion.phase, axis=0)
+    G = bodies_to_meshes(model)
+    about = replace(
+        motion, x=motion.x - of_bodies @ G.T, v=motion.v - rate @ G.T, encoder_errors=errors
+    )
+    chosen = gear.law_functions
+    plain, moved = (force_law.block(m, law(m), model, chosen) for m in (motion, about))
+    deep = np.abs(motion.x) > motion.b + 5e-6
+    shift = np.abs(law(about).force - law(motion).force)[deep].max()
+    assert np.abs(plain.residual - moved.residual)[deep].max() < 1e-3 * shift
 
 
 def test_an_effect_is_not_taken_for_an_error_of_encoders() -> None:

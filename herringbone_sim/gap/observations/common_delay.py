@@ -26,7 +26,9 @@ from herringbone_sim.gap.sensors.filter_delay import (
 STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
 N_STRETCHES = 2  # runs used: the fastest, where a delay is largest as a phase
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
-MIN_NULL_CHI2 = 2.0  # chi2 per value without a delay, below which none is estimated; chosen
+# Chi2 per value up to which the calibrated gear without effects fits: what it lacks is no larger
+# than the noise (d = 1).
+NULL_FITS_CHI2 = 2.0
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -64,7 +66,7 @@ def remove_common_delay(
         return score.in_sample / score.count
 
     search = null(0.0)
-    if search.null.in_sample < MIN_NULL_CHI2 * search.null.count:
+    if search.null.in_sample < NULL_FITS_CHI2 * search.null.count:
         return tuple(runs)
     optimum = minimize_scalar(
         chi2_per_value, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}

@@ -1,7 +1,7 @@
 """Linearise the force law about the errors that encoders have once a revolution.
 
 Such errors are marginalised as small displacements. But an encoder of the data sheet is off by up
-to 2 um at the base circle, as much as the deflection under a light load: a mesh in contact is
+to 1.5 um at the base circle, as much as the deflection under a light load: a mesh in contact is
 then read as separated, where no small displacement shows in the force. So each run's errors are
 estimated, with its tolerances, by Gauss-Newton on the force law of the nominal gear, and taken
 off. ``force_law.block`` adds what they would do to the linearised force: they stay marginalised,
@@ -20,15 +20,14 @@ from herringbone_sim.diagnosis.products import Block, products, shared_nuisances
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, functions_used
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations.common_delay import NULL_FITS_CHI2
 from herringbone_sim.gap.observations.gear import SHAFT_NAMES, Gear
 from herringbone_sim.gap.observations.law import MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 
 MAX_ROUNDS = 8
-# Chi2 per value below which the nominal law fits: an effect adds less than the noise (d = 1).
-FITS = 2.0
 SETTLED = 0.1  # change of a displacement over its noise below which the estimate is final
 
 
@@ -39,14 +38,15 @@ def without_encoder_errors(
 
     Runs without forces, with both or neither of u and x, or with some of them missing stay as they
     are; so do those that the estimate fits worse, by more than chance. All do where the nominal
-    law fits a run badly in either case: errors would be estimated that are an effect's.
+    law then leaves a deciding run (fit runs decide) more than ``NULL_FITS_CHI2``: part of what an
+    effect does would be taken for errors of encoders.
 
     Args:
         runs: of one rig.
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
         stride: samples from one value of the force law to the next.
     """
-    if not any(_of_one_kind(run) for run in runs):
+    if not any(_has_either_u_or_x(run) for run in runs):
         return tuple(runs)
     gear = Gear(runs, stride=stride, gain_tolerance=gain_tolerance)
     if not gear.has_force_law:
@@ -70,9 +70,9 @@ def without_encoder_errors(
         )
 
     def corrected(r: int) -> tuple[PreparedRun, bool]:
-        """The run without its errors, and whether the nominal law then fits."""
+        """Return run r without its errors, and whether the nominal law then fits."""
         run, motion = gear.runs[r].run, gear.runs[r].strided
-        if not _of_one_kind(run):
+        if not _has_either_u_or_x(run):
             return run, True
         of_bodies = bodies_to_meshes(gear.model)
         waves = _waves(run, motion.phase)
@@ -86,7 +86,7 @@ def without_encoder_errors(
             if np.all(np.abs(moved - last) < SETTLED * motion.sigma_x):
                 break
         left, count = _chi2(now)
-        fits = left < FITS * count
+        fits = left <= NULL_FITS_CHI2 * count
         if not left < _chi2(before)[0] + CHANCE_CHI2:
             return run, fits
         off = _of_bodies(_waves(run, run.phase), errors)
@@ -94,11 +94,13 @@ def without_encoder_errors(
         x = replace(run.x, values=run.x.values - off @ of_bodies.T)
         return replace(run, u=u, x=x, encoder_errors=errors), fits
 
-    new, fit = zip(*parallel_map(corrected, range(len(runs))), strict=True)
-    return new if all(fit) else tuple(runs)
+    made = parallel_map(corrected, range(len(runs)))
+    decide = {run.name for run in deciding(runs)}
+    fits = all(ok for run, ok in made if run.name in decide)
+    return tuple(run for run, _ in made) if fits else tuple(runs)
 
 
-def _of_one_kind(run: PreparedRun) -> bool:
+def _has_either_u_or_x(run: PreparedRun) -> bool:
     """Whether u of all bodies is recorded and no x, or x of all meshes and no u."""
     return (run.u.complete and not run.x.recorded.any()) or (
         run.x.complete and not run.u.recorded.any()
