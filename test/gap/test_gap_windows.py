@@ -23,16 +23,22 @@ from herringbone_sim.gap.observations.shooting import (
     JUMP_SD,
     WindowSolution,
     evaluated,
+    fitted_windows,
     stacked_residual,
     symmetric_starts,
     window_jacobian,
 )
-from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
+from herringbone_sim.gap.observations.trajectory import (
+    MAX_FAILED,
+    STATE_PRECISION,
+    Trajectory,
+)
 from herringbone_sim.gap.observations.window_channels import channel_outputs, window_channels
 from herringbone_sim.gap.observations.window_columns import (
     body_forces,
     encoder_columns,
 )
+from herringbone_sim.gap.observations.window_restarts import misfits, restarted
 from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.observations.windows import Windows
 from herringbone_sim.gap.sensors.detrended import with_nominal_means
@@ -110,6 +116,45 @@ def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, WindowSo
     _, shot = one
     assert 0.6 < np.mean(shot.residuals**2) < 1.1
     assert np.sqrt(np.mean(shot.jumps**2)) < JUMP_SD
+
+
+@pytest.mark.parametrize(("size", "seed"), [(3.0, 0), (3.0, 1), (3.0, 2)])
+def test_windows_in_a_local_minimum_are_restarted(
+    one: tuple[Trajectory, WindowSolution], size: float, seed: int
+) -> None:
+    """Planets of three windows far from their states: the fit alone does not come back to them."""
+    trajectory, shot = one
+    s, planets = trajectory.recorded, np.array([*range(3, 9), *range(12, 18)])
+    starts = shot.starts.copy()
+    off = np.random.default_rng(seed).standard_normal((3, len(planets)))
+    starts[10:13, planets] += size * off * s.scale[planets]
+    stuck = fitted_windows(s, starts, shot.integrator.forcing, trends=shot.trends)
+    assert stuck.cost > 2.0 * shot.cost
+    ((first, last),) = misfits(s, stuck)
+    assert first <= 11 <= last
+    anew = restarted(s, stuck)
+    assert anew is not None
+    assert anew.cost == pytest.approx(shot.cost, rel=0.01)
+
+
+def test_windows_that_fit_are_not_restarted(gear: Gear) -> None:
+    """Noise gives no window a chi2 that counts as a misfit, nor does the tolerance of a law."""
+    for trajectory in gear.trajectories:
+        assert restarted(trajectory.recorded, trajectory.nominal) is None
+
+
+def test_restarts_that_gain_nothing_are_not_repeated(gear: Gear) -> None:
+    """One reading that no state explains: a try at every fit would cost more than the fits."""
+    run = gear.runs[1].run
+    values = run.u.values.copy()
+    t = Trajectory(run)
+    at = (t.lead_windows + 5) * t.recorded.samples_per_window + 3
+    values[at, 0] += 30.0 / t.recorded.weight[5, 3, 0]
+    spoiled = Trajectory(replace(run, u=replace(run.u, values=values)))
+    assert misfits(spoiled.recorded, spoiled.nominal)[0] == (5, 5)
+    for i in range(4):
+        spoiled.fitted_states((str(i),), lambda motion: LawChange(), {})
+    assert len(spoiled._failed_at) == MAX_FAILED
 
 
 def test_steps_miss_no_more_than_is_counted_as_noise(

@@ -38,6 +38,7 @@ from herringbone_sim.gap.observations.window_columns import (
     encoder_columns,
     window_columns,
 )
+from herringbone_sim.gap.observations.window_restarts import restarted
 from herringbone_sim.gap.observations.window_sensors import (
     SWAP_PREFIX,
 )
@@ -47,7 +48,7 @@ from herringbone_sim.gap.observations.window_starts import (
     initial_states,
 )
 from herringbone_sim.gap.observations.window_states import StateElimination
-from herringbone_sim.gap.observations.windows import N_WINDOWS
+from herringbone_sim.gap.observations.windows import N_WINDOWS, Windows
 
 NAME = "trajectory"
 # Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its last states;
@@ -57,6 +58,7 @@ MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local mini
 # States are restarted once chi2 is less than this fraction of that at the last restart, as the
 # motion has changed; chosen.
 RESTART_SHARE = 0.75
+MAX_FAILED = 3  # restarts of misfitted windows that gain nothing, at about the same chi2; chosen
 STATE_PRECISION = 1e-6  # of scaled start states: practically no prior
 
 
@@ -87,6 +89,7 @@ class Trajectory(ForcedWindows):
         self._least: WindowSolution | None = None
         self._nominal_solution: WindowSolution | None = None
         self._tried: dict[tuple[str, ...], WindowSolution] = {}
+        self._failed_at: list[float] = []
 
     def fitted_states(
         self,
@@ -97,8 +100,9 @@ class Trajectory(ForcedWindows):
     ) -> WindowSolution:
         """Fit states under a change of the law, from those fitted last for the same ``key``.
 
-        Two other starts are tried against local minima: the states of least chi2 under any change
-        without sensor errors, and, where chi2 is large, those of a new filter pass.
+        Other starts are tried against local minima: the states of least chi2 under any change
+        without sensor errors; where chi2 is large, those of a new filter pass; and of windows that
+        fit much worse than the others, those of a filter pass through them alone.
 
         Args:
             key: names of the functions with an amplitude.
@@ -148,6 +152,7 @@ class Trajectory(ForcedWindows):
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_chi2[key] = solution.cost
+        solution = self._without_misfits(self.windows, solution)
         if self._fine:
             solution = fitted_windows(
                 self.windows,
@@ -174,6 +179,19 @@ class Trajectory(ForcedWindows):
             yield
         finally:
             self._fine = False
+
+    def _without_misfits(self, s: Windows, solution: WindowSolution) -> WindowSolution:
+        """Restart misfitted windows as long as this gains, see ``window_restarts``."""
+        while True:
+            # Failures at a much larger chi2 don't count: then the law was further off.
+            failed = sum(solution.cost > RESTART_SHARE * cost for cost in self._failed_at)
+            anew = restarted(s, solution) if failed < MAX_FAILED else None
+            if anew is None:
+                return solution
+            if anew is solution:
+                self._failed_at.append(solution.cost)
+                return solution
+            solution = anew
 
     def _has_converged(self, solution: WindowSolution) -> bool:
         """Whether chi2 is at most that of the readings themselves; diverging states exceed it."""
@@ -212,9 +230,10 @@ class Trajectory(ForcedWindows):
                 trajectory.forcing(LawChange(), self.masses({}), ())
                 for trajectory in (self, self._with_lead)
             )
-            self._nominal_solution = filter_and_fit(
+            fit = filter_and_fit(
                 self.recorded, forcing, self._with_lead.recorded, forcing_with_lead
             )
+            self._nominal_solution = self._without_misfits(self.recorded, fit)
         return self._nominal_solution
 
     def _restarted(
