@@ -30,6 +30,7 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     FINE_TOLERANCE,
     WindowSolution,
+    evaluated,
     fitted_windows,
     stacked_residual,
     window_jacobian,
@@ -38,7 +39,11 @@ from herringbone_sim.gap.observations.window_columns import (
     encoder_columns,
     window_columns,
 )
-from herringbone_sim.gap.observations.window_restarts import restarted
+from herringbone_sim.gap.observations.window_restarts import (
+    Group,
+    misfits,
+    restarted,
+)
 from herringbone_sim.gap.observations.window_sensors import (
     SWAP_PREFIX,
 )
@@ -58,7 +63,9 @@ MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local mini
 # States are restarted once chi2 is less than this fraction of that at the last restart, as the
 # motion has changed; chosen.
 RESTART_SHARE = 0.75
-MAX_FAILED = 3  # restarts of misfitted windows that gain nothing, at about the same chi2; chosen
+# Restarts of misfitted windows: most in a fit, and most that gain nothing of the same windows at a
+# chi2 that differs by less than ``RESTART_SHARE``; chosen for run time.
+MAX_RESTARTS, MAX_FAILED = 3, 3
 STATE_PRECISION = 1e-6  # of scaled start states: practically no prior
 
 
@@ -89,7 +96,7 @@ class Trajectory(ForcedWindows):
         self._least: WindowSolution | None = None
         self._nominal_solution: WindowSolution | None = None
         self._tried: dict[tuple[str, ...], WindowSolution] = {}
-        self._failed_at: list[float] = []
+        self._failures: list[tuple[Group, float]] = []
 
     def fitted_states(
         self,
@@ -101,8 +108,8 @@ class Trajectory(ForcedWindows):
         """Fit states under a change of the law, from those fitted last for the same ``key``.
 
         Other starts are tried against local minima: the states of least chi2 under any change
-        without sensor errors; where chi2 is large, those of a new filter pass; and of windows that
-        fit much worse than the others, those of a filter pass through them alone.
+        without sensor errors; where chi2 is large, those of a new filter pass; and, where some
+        windows fit much worse than the others, those of a new filter pass through these.
 
         Args:
             key: names of the functions with an amplitude.
@@ -152,7 +159,8 @@ class Trajectory(ForcedWindows):
             )
             solution = anew if anew is not None and anew.cost < near.cost else near
             self._restart_chi2[key] = solution.cost
-        solution = self._without_misfits(self.windows, solution)
+        if self._has_converged(solution):
+            solution = self._without_misfits(self.windows, solution, forcing_at)
         if self._fine:
             solution = fitted_windows(
                 self.windows,
@@ -180,18 +188,33 @@ class Trajectory(ForcedWindows):
         finally:
             self._fine = False
 
-    def _without_misfits(self, s: Windows, solution: WindowSolution) -> WindowSolution:
-        """Restart misfitted windows as long as this gains, see ``window_restarts``."""
-        while True:
-            # Failures at a much larger chi2 don't count: then the law was further off.
-            failed = sum(solution.cost > RESTART_SHARE * cost for cost in self._failed_at)
-            anew = restarted(s, solution) if failed < MAX_FAILED else None
-            if anew is None:
+    def _without_misfits(
+        self, s: Windows, solution: WindowSolution, forcing_at: Callable[[WindowSolution], Forcing]
+    ) -> WindowSolution:
+        """Restart misfitted windows while that gains, see ``window_restarts``.
+
+        Windows that failed ``MAX_FAILED`` times are left: what they lack is in the law.
+        """
+        for _ in range(MAX_RESTARTS):
+            groups = [g for g in misfits(s, solution) if self._failed(g, solution) < MAX_FAILED]
+            if not groups:
                 return solution
-            if anew is solution:
-                self._failed_at.append(solution.cost)
+            now = evaluated(s, solution.starts, forcing_at(solution), solution.trends)
+            anew = restarted(s, now, groups[0], self._failed(groups[0], solution))
+            if anew is None:
+                self._failures.append((groups[0], solution.cost))
                 return solution
             solution = anew
+        return solution
+
+    def _failed(self, group: Group, solution: WindowSolution) -> int:
+        """Number of restarts of any of these windows that gained nothing at a similar chi2."""
+        return sum(
+            g.first <= group.last
+            and group.first <= g.last
+            and RESTART_SHARE * cost < solution.cost < cost / RESTART_SHARE
+            for g, cost in self._failures
+        )
 
     def _has_converged(self, solution: WindowSolution) -> bool:
         """Whether chi2 is at most that of the readings themselves; diverging states exceed it."""
@@ -233,7 +256,9 @@ class Trajectory(ForcedWindows):
             fit = filter_and_fit(
                 self.recorded, forcing, self._with_lead.recorded, forcing_with_lead
             )
-            self._nominal_solution = self._without_misfits(self.recorded, fit)
+            self._nominal_solution = self._without_misfits(
+                self.recorded, fit, lambda solution: forcing
+            )
         return self._nominal_solution
 
     def _restarted(
