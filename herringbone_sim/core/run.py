@@ -339,11 +339,13 @@ class Kernel:
         """Fill rows with samples and advance ``arrays`` in place, see ``sample``.
 
         Args:
+            arrays: state at the first sample.
             t: time [s] of the first sample.
-            out: as for ``sample``.
+            out: as for ``sample``; its contact counts are incremented.
 
         Returns:
-            time of the next sample [s], rows filled, switches.
+            time [s] of the next sample (of the last row if it is out of range), number of rows
+            filled, number of located switches (0 with rk4).
         """
         p, model = self.model.parameters, self.model
         kernel, states, vectors = self._begin(arrays.y, arrays.tangents, arrays.columns)

@@ -102,9 +102,10 @@ class Chance(Explanation):
 
 
 def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
-    """Return the k explanations of a campaign, and their numbers (k, len(NAMES)).
+    """Return the k explanations of a campaign, and their numbers for the logit (k, len(NAMES)).
 
-    In the order none, single effects, pairs, unknown, single effects with unknown beside them.
+    Explanations are none, single effects, pairs, unknown, then each single effect with something
+    unknown beside it. Numbers are in the order of ``NAMES``, 0 where one does not apply.
     """
     none, *others = evidence.candidates
     singles = [c for c in others if len(c.effects) == 1]

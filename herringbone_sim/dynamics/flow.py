@@ -168,7 +168,10 @@ def symmetry(model: Model) -> Indices | None:
 
 
 def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:
-    """State (n,) ``periods`` periods after y, without tangents; ``at`` periods precede y."""
+    """State (n,) after ``periods`` calls of ``flow.advance`` from y, without tangents.
+
+    ``at`` is the number of calls before y; a call need not be a period of the forcing.
+    """
     none = np.zeros((0, flow.n))
     for i in range(periods):
         y, _ = flow.advance(y, none, at + i)

@@ -125,7 +125,11 @@ def _over_shaft(h: Hypothesis) -> Curve:
 
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Return a function of a hypothesis that makes the curve of a tooth event over its window."""
+    """Return a function that gives the ``Curve`` of a tooth event, the same for every hypothesis.
+
+    Its values are over mesh cycles from the middle of the contact (``KNOTS``); columns are the
+    raised cosine ``BUMP`` and a departure at each knot. ``y_name``, ``y_unit``: of the values.
+    """
 
     def make(h: Hypothesis) -> Curve:
         matrix: Array = np.column_stack([BUMP, np.eye(len(KNOTS))])

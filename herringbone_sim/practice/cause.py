@@ -134,5 +134,9 @@ def size_as(name: str, unit: str) -> Any:
 
 
 def on_meshes(name: str) -> Any:
-    """Return a ``Kind.apply`` that sets a rig model's field to the signed size on the locus."""
+    """Return a ``Kind.apply`` that replaces field ``name`` (12,) of a rig model.
+
+    Its value becomes the signed size on the meshes of the locus and 0 on the others: only for
+    fields that are 0 without the effect.
+    """
     return lambda p, c, _: p._replace(**{name: c.sign * c.size * c.meshes})

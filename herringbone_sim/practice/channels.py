@@ -57,7 +57,16 @@ def channels_of(motion: Motion) -> dict[str, Array]:
 
 
 def gated(name: str, phase: Array, values: Array) -> Array:
-    """Return the readings (n,) of a ring gauge: NaN except while its planet passes."""
+    """Return the force of one planet's ring mesh as the ``GAUGES`` gauges on the ring read it.
+
+    Args:
+        name: channel, such as ``F_rp1_L``; its digit is the planet.
+        phase: (n,) mesh phase [rad].
+        values: (n,) force [N] at all samples.
+
+    Returns:
+        ``values``; NaN except in the ``PASSES`` mesh cycles in which the planet passes a gauge.
+    """
     turn = phase / (2.0 * np.pi) + RING_CYCLES * (int(name[4]) - 1) / 3.0
     seen = turn % (RING_CYCLES / GAUGES) < PASSES
     return np.where(seen, values, np.nan)

@@ -197,10 +197,17 @@ class RunWriter:
         effort: Array,
         publish_ns: int | None = None,
     ) -> None:
-        """Write displacement [m], velocity [m/s] and force [N], each (m,), of m meshes at ``t_s``.
+        """Write a sensor_msgs/JointState of m meshes to the topic ``state`` of the run.
+
+        Args:
+            t_s: simulation time [s]; gives the stamp and the log time.
+            names: (m,) meshes.
+            position, velocity, effort: (m,) displacement [m], its rate [m/s], and force [N].
+            publish_ns: publish time of the message, wall time [ns]; None: that of ``t_s``.
 
         Raises:
-            RecordingError: as ``write_parameter_event``, or arrays that differ in length.
+            RecordingError: a time that is not finite, an array not as long as ``names``, a disk
+                that fails, or a recording that has ended.
         """
         state = JointState(self._stamp(t_s), names, position, velocity, effort)
         self._write(STATE, t_s, encode_joint_state(state), publish_ns)

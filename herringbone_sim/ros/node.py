@@ -287,7 +287,15 @@ class SimulatorNode(GuardedNode):
         return f"recording to {path}"
 
     def _start_recording(self, model: Model, state: State, name: str = "") -> Path:
-        """Start a recording at a state, named ``name`` or by the parameters; return its folder."""
+        """Start a recording that begins with the sample at ``state``; return its folder.
+
+        Args:
+            model, state: at that sample.
+            name: of the run; empty: ROS parameter ``record_name``, or ``run_`` and the time.
+
+        Raises:
+            RecordingError: a recording is running, or the folder can't be created.
+        """
         try:
             folder = Path(self._get("record_dir")).expanduser()
         except RuntimeError as error:

@@ -50,7 +50,14 @@ def plan(at, lane):
 
 @called
 def narrow(at, lane, margin, margin_rate):
-    """Set the next trial in the search for an edge; returns True if the tried step ends at it."""
+    """Set the next trial in the search for the first margin that falls below zero.
+
+    A step ends at the upper end of the bracket, once the overshoot there is small enough or after
+    ``TRIALS`` trials.
+
+    Returns:
+        Whether the last trial ended there; if not, ``TRIED`` and ``MODE`` are set anew.
+    """
     low, high = at[LOW, lane], at[HIGH, lane]
     if at[COUNT, lane] < TRIALS:
         part, worst = guess(margin, margin_rate, high - low)

@@ -139,7 +139,7 @@ def end_cycle(m, queue, lane, length):
 
 @inlined
 def begin_cycle(m, lane, cycle):
-    """Set mesh cycle and control argument of a lane for phase 0 of a cycle."""
+    """Set a lane's mesh cycle, and the angle of the control, Eq. (20), at its phase 0."""
     at, order = m.r.progress, m.scalars[CONTROL_ORDER, lane]
     at[CYCLE, lane] = cycle
     at[ANGLE, lane] = angle_of(order, 0.0, cycle) + m.scalars[CONTROL_PHASE, lane]

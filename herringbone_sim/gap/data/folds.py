@@ -17,9 +17,10 @@ PARTS = 3
 
 
 def leave_out_folds(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
-    """Return the runs as folds; a single run is cut into ``PARTS`` folds of equal length.
+    """Return the runs as folds; a single run is cut into ``PARTS`` folds of about equal length.
 
-    These have the same load, temperature and speed: how an effect depends on these is not tested.
+    Parts of one run share load, temperature and speed, so how an effect depends on those three is
+    not tested.
     """
     if len(runs) != 1:
         return tuple(runs)

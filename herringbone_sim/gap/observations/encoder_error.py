@@ -34,12 +34,14 @@ SETTLED = 0.1  # change of a displacement over its noise below which the estimat
 def without_encoder_errors(
     runs: Sequence[PreparedRun], gain_tolerance: Sequence[float], stride: int
 ) -> tuple[PreparedRun, ...]:
-    """Return the runs with estimated errors once a revolution taken off u, or off x.
+    """Estimate the errors of encoders once a revolution, and take them off u or x.
 
-    Runs without forces, with both or neither of u and x, or with some of them missing stay as they
-    are; so do those that the estimate fits worse, by more than chance. All do where the nominal
-    law then leaves a deciding run (fit runs decide) more than ``NULL_FITS_CHI2``: part of what an
-    effect does would be taken for errors of encoders.
+    A run is corrected if it has u of all bodies and no x, or x of all meshes and no u, unless that
+    raises its chi2 by more than chance. All runs are returned as they are if
+
+    - no force law can be formed from them (``Gear.has_force_law``), as where a run lacks forces;
+    - the nominal law still leaves one of the corrected fit runs (of all, if none is a fit run) a
+      chi2 per value above ``NULL_FITS_CHI2``: a part of an effect may then look like such errors.
 
     Args:
         runs: of one rig.

@@ -66,12 +66,13 @@ def body_forces(
     names: Iterable[str],
     on_carrier: Sequence[Function] = (),
 ) -> Iterator[BodyForce]:
-    """Yield the forces on bodies by unit amplitudes of friction, ripple and carrier functions.
+    """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
     Args:
         m, now: motion of the meshes, and the force law there.
-        names: of functions; those that are no force on a body are skipped.
-        on_carrier: functions that are forces on the carrier.
+        names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
+            or ``sin``: by 1 N m of input torque; names of ``on_carrier``. Others are skipped.
+        on_carrier: functions that are forces [N] on the carrier.
     """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}

@@ -54,11 +54,12 @@ class Fused:
 
 
 def fuse(run: PreparedRun) -> Fused:
-    """Estimate coordinates, mesh displacements and their rates from the channels x, u and v.
+    """Estimate coordinates z, mesh displacements and their rates from the channels x, u and v.
 
-    z is smoothed by the rates only if the channels determine all coordinates and all rates. A
-    coordinate that they don't determine is NaN. So are the meshes that depend on it; but where x
-    or v of such a mesh is recorded, these raw values are used.
+    Displacements are estimated from x and u, rates from v alone. z is smoothed by the rates only
+    if the channels determine all coordinates and all rates. A coordinate that they don't determine
+    is NaN. So are the meshes that depend on it; but where x or v of such a mesh is recorded, these
+    raw values are used.
     """
     D = coordinates_to_meshes(run.model.layout)
     z, P = displacement(run)

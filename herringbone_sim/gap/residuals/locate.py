@@ -143,12 +143,17 @@ def _over_runs(runs: Sequence[PreparedRun], units: Sequence[Array], factor: str)
 
 
 def _along_meshes(square: Array, of_mesh: Indices, labels: Sequence[str]) -> Share:
-    """Distribute squares (n, n_mesh) over labels; ``of_mesh`` (n_mesh,) is the label's index."""
+    """Return the ``Share`` of each label, for labels that are the same at all samples of a mesh.
+
+    Args:
+        square: (n, n_mesh) squares of residual over noise; NaN are left out.
+        of_mesh: (n_mesh,) index of the label of each mesh.
+    """
     return _over(square, np.broadcast_to(of_mesh, square.shape), labels)
 
 
 def _over(square: Array, values: Indices, labels: Sequence[str]) -> Share:
-    """Distribute squares (n, m) over labels; ``values`` (n, m) is the index of the label."""
+    """Return the ``Share`` of each label; arguments as of ``_along_meshes``, index per value."""
     known = np.isfinite(square)
     at = values[known]
     chi2 = np.bincount(at, square[known], minlength=len(labels))

@@ -71,6 +71,12 @@ def longest_delay(run: PreparedRun) -> float:
 
 
 def with_delayed_waves(run: PreparedRun, delay: float, e_share: float = 1.0) -> PreparedRun:
-    """Delay the nominal k(t) and e(t) of a run by ``delay`` [s]; for ``e_share`` see ``waves``."""
+    """Copy of a run with nominal k(t), e(t) and control torque delayed by ``delay`` [s].
+
+    Channels are not changed; an earlier delay and factor are replaced.
+
+    Args:
+        e_share: factor on the harmonics of e(t), not on its mean.
+    """
     late = replace(run, delay_rad=run.omega_rad_per_s * delay, e_share=e_share)
     return replace(late, waves=late.waves_at(run.phase))

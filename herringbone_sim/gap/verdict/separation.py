@@ -152,13 +152,14 @@ def separation(target: LinearPrediction, fitted: LinearPrediction) -> Separation
 def linear_predictions(
     case: FusedRun, explanations: Sequence[ExplanationAtFit], quantity: str
 ) -> list[LinearPrediction]:
-    """Predictions of explanations in a run, one for each.
+    """Linearise the prediction of each explanation in a run, at its best fit, over the noise.
 
     Args:
         case: run with its fused motion.
-        explanations: at their best fits.
-        quantity: ``FORCES``: mesh forces; ``BALANCE``: accelerations by the torques of effects,
-            with measured mesh forces; ``MOTION``: accelerations by the forces of the law as well.
+        explanations: of the same calibrated gear; ``MOTION`` takes that of the first.
+        quantity: ``FORCES``: forces of the usable meshes; ``BALANCE``: accelerations by the
+            torques of effects on bodies, without mesh forces; ``MOTION``: accelerations by these
+            torques and by the mesh forces of the law, even where forces are measured.
     """
     if quantity == FORCES:
         predictor: _Forces | _Bodies = _Forces(case)

@@ -222,7 +222,7 @@ def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **options:
 
 
 def _legend(axes: Axes, names: Sequence[tuple[str, str]], below: bool = False) -> None:
-    """Add a legend of (colour, name) beside or below the axes; earlier legends remain."""
+    """Add a legend of (colour, name) beside or below the axes; later ones don't replace it."""
     handles = [Patch(facecolor=c, edgecolor=INK, linewidth=0.4, label=name) for c, name in names]
     options: Any = {"handlelength": 1.0, "handleheight": 1.0, "fontsize": 8, "borderaxespad": 0.0}
     if below:

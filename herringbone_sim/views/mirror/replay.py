@@ -87,9 +87,9 @@ def replay_blocks(
 ) -> Iterator[MirrorBlock]:
     """Yield the blocks of a recording in the order of time.
 
-    A run of up to ``burst_cycles * max_blocks`` mesh cycles is shown completely. A longer one is
-    cut into ``max_blocks`` blocks, of which the mirror shows the last ``burst_cycles`` cycles at
-    full rate and all section points.
+    A block has ``burst_cycles`` mesh cycles, or more if there would be over ``max_blocks`` blocks.
+    Of each, the viewer draws all section points, but the samples only of the last
+    ``Drawing.burst_cycles``, which should be the same number.
     """
     times = replay.rows[:, replay.names.index("t")]
     end_ns = recording.path.stat().st_mtime_ns if recording.path.exists() else 0

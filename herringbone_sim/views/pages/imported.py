@@ -38,7 +38,9 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
         runs: imported runs.
 
     Raises:
-        AnalysisError: the folder can't be written.
+        AnalysisError: ``figures/`` can't be created or written.
+        RecordingError: the bag of a run can't be read.
+        OSError: a picture or the page can't be written.
     """
     make_folder(folder / "figures")
     parts = []
