@@ -79,11 +79,12 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
 def _exponent(
     p: Parameters, sets: Sets, point: Mapping[str, float], section: Section
 ) -> tuple[float, float]:
-    """Largest exponent per tau of the model and its standard error; NaN if it fails.
+    """Largest exponent per tau of the model with its effects, and its standard error; or NaN.
 
-    The model starts from the first recorded state and is integrated for as many cycles as the
-    segment has (100 to 600), so that of several coexisting motions the recorded motion is
-    measured, and a chaotic transient while it lasts.
+    The model starts from the first recorded state, so that of several coexisting motions the
+    recorded one is measured, or its chaotic transient; from the initial state if a mesh is
+    missing or the phase of the section is not 0. After ``ALIGNING_CYCLES`` the other cycles of the
+    segment count, but at least 100 and at most 600.
     """
     try:
         model = model_at(p, point)

@@ -39,7 +39,7 @@ def nearest(axis: Axis, values: Sequence[float]) -> set[float]:
 
 
 def target_text(target: Target, width: int = 5) -> str:
-    """Text of period and starts of a target, such as ``repeats after 2  all``."""
+    """Text of a target, such as ``repeats after 2  all``; its starts padded to ``width``."""
     return f"repeats after {target.period}  {target.starts:{width}s}"
 
 

@@ -23,14 +23,16 @@ def fit_pairs(
     least: float,
     singles: Sequence[FittedExplanation],
 ) -> tuple[FittedExplanation, ...]:
-    """Fit pairs: a single effect with each of the effects that best explain its residual.
+    """Fit pairs: ``first`` with each of the other effects that best explain its residual.
 
-    Where all of these leave more than noise, the first effect may have absorbed the response of
-    the second: then it is paired also with effects of ``singles``, from their values there.
+    Both are fitted together. If all of these pairs leave more than noise, the first effect may
+    have absorbed the response of the second: then it is paired with effects of ``singles`` too,
+    each from its values when fitted alone.
 
     Args:
         first: fit of the first effect alone.
-        least: loss by which the linear screen must improve for a pair to be fitted; 0: no limit.
+        least: how far below the loss of ``first`` the linear screen must put a pair that is to be
+            fitted; 0: no limit.
         singles: effects fitted alone, best first.
 
     Returns:

@@ -173,7 +173,7 @@ def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
 
 
 def residual_without_nuisance(block: Block) -> Array:
-    """Return the residual over its noise (n, R), minus the posterior mean of all nuisances."""
+    """Return residual / sigma (n, R), minus its fit by all nuisances at their posterior mean."""
     root = np.sqrt(block.independent_share)
     free, normal, right = _shared_equations(block)
     mean = np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right)

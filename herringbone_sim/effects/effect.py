@@ -179,7 +179,7 @@ class Effect:
 
     @property
     def neutral(self) -> Array:
-        """Parameter values (p,) without influence; the start value where ``neutral`` is None."""
+        """Parameter values (p,) without influence, maybe infinite; the start of shape values."""
         values = [p.start if p.neutral is None else p.neutral for p in self.parameters]
         return np.array(values, dtype=float)
 

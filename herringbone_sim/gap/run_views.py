@@ -84,20 +84,23 @@ def run_view(case: FusedRun, model: Augmented) -> RunView:
 
 
 def mesh_shares(views: Sequence[RunView]) -> dict[str, dict[str, float | None]]:
-    """Residual of every mesh as a fraction of the nominal model's total; None where unknown.
+    """Residual of every mesh over the nominal model's total.
 
-    By model, ``nominal`` and ``augmented``, then by mesh. Residuals are mean chi2 above the noise
-    over the views. The fractions of ``augmented`` sum to the part of the total that is left.
+    None for a mesh unknown in any view, and for all where the nominal model leaves but noise.
+
+    By model, ``nominal`` and ``augmented``, then by mesh. Residuals are chi2 per sample, averaged
+    over the views, less 1 for noise, at least 0. The fractions of ``augmented`` sum to the part of
+    the total that is left.
     """
     shares: dict[str, dict[str, float | None]] = {}
     above = {
         name: np.maximum(np.mean([view.reduced_chi2[name] for view in views], axis=0) - 1.0, 0.0)
         for name in COLUMNS[1:]
     }
-    total = max(float(np.nansum(above["nominal"])), 1e-300)
+    total = float(np.nansum(above["nominal"]))
     for name, excess in above.items():
         shares[name] = {
-            mesh: float(value) / total if np.isfinite(value) else None
+            mesh: float(value) / total if np.isfinite(value) and total > 0.0 else None
             for mesh, value in zip(views[0].meshes, excess, strict=True)
         }
     return shares

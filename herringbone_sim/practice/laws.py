@@ -226,11 +226,11 @@ FAMILIES: dict[str, Callable[[Generator], Curve]] = {
 
 
 def draw_law(rng: Generator, name: str, law: str) -> dict[str, Any]:
-    """Draw entries ``law`` and, unless it is the catalogue's, ``curve`` of a cause's shape.
+    """Draw entries of ``Cause.shape``: ``law`` and, unless it is the catalogue's, ``curve``.
 
     Args:
-        law: catalogue, other or both (drawn); an effect without a family has the catalogue's law
-            and no entries.
+        name: key of ``plan.KINDS``; without a family of laws there are no entries.
+        law: catalogue, other, or both (either at random).
     """
     other = rng.random() < 0.5 if law == "both" else law == "other"
     if name not in FAMILIES:

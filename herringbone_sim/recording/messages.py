@@ -224,7 +224,7 @@ def encode_parameter_event(event: ParameterEvent) -> bytes:
 
 @checked
 def decode_parameter_event(message: Buffer) -> ParameterEvent:
-    """Parse a rcl_interfaces/ParameterEvent; new, changed and deleted parameters are merged."""
+    """Parse a rcl_interfaces/ParameterEvent; new, changed and deleted (None) are merged."""
     source = CdrReader(message)
     stamp_ns, node = source.scalar("i") * 10**9 + source.scalar("I"), source.text()
     changed: dict[str, Value] = {}

@@ -146,9 +146,9 @@ def _neighbour(sweep: Sweep, index: int) -> int:
 
 
 def _starts(job: Job, row: range) -> Array | None:
-    """States (width, n_state) from which a group starts: those before, at the same displacements.
+    """Start states (width, n_state) of a group: final ones of the group before, carried over.
 
-    NaN where a gear or the state before it is missing, None for a job without states before.
+    NaN, to start anew, where a gear is invalid or has none; None if ``job.before`` is.
     """
     if job.before is None:
         return None

@@ -242,6 +242,17 @@ def test_another_operating_point_is_not_compared_and_starts_a_new_sum(stiff: Tim
     assert bench.comparison.update().stretches == 1
 
 
+def test_a_slow_drift_does_not_join_distant_operating_points() -> None:
+    """Each stretch is within 1 K of the one before, the fourth not of the first."""
+    bench = Bench()
+    joined = []
+    for i in range(4):
+        point = POINTS[0] | {"delta_T": POINTS[0]["delta_T"] + 0.4 * i}
+        bench.send(bench.rig, noisy(sampled(STIFF, point, 60), 0.01, i))
+        joined.append(bench.comparison.update().stretches)
+    assert joined == [1, 2, 3, 1]
+
+
 def test_noise_of_a_simulator_that_plays_the_rig_is_none() -> None:
     bench = Bench(noise=None)
     bench.rig.set_channels(json.dumps({"source": "simulator", "parameters": {}}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,15 @@ def test_shares_are_of_the_nominal_residual(campaign: PreparedCampaign, found: D
     assert sum(share or 0.0 for share in of["nominal"].values()) == pytest.approx(1.0)
     assert sum(of["nominal"][f"sp{i}_{s}"] or 0.0 for i in (1, 2, 3) for s in "LR") > 0.95
     assert sum(share or 0.0 for share in of["augmented"].values()) < 0.1
+
+
+def test_there_are_no_shares_of_noise(found: Diagnosis) -> None:
+    """A mesh just above its noise under the augmented model would be any multiple of nothing."""
+    n = len(run_views(found)[0].meshes)
+    chi2 = {"nominal": np.full(n, 0.9), "augmented": np.full(n, 1.01)}
+    views = [replace(view, reduced_chi2=chi2) for view in run_views(found)]
+    for shares in mesh_shares(views).values():
+        assert set(shares.values()) == {None}
 
 
 def test_the_file_is_one_that_the_viewer_takes(

@@ -110,7 +110,7 @@ class LawChanges:
         amplitudes: Mapping[str, Array],
         wanted: Sequence[str] | None,
     ) -> Displacements:
-        """Displacements of the parts wanted or with an amplitude, at the samples of ``m``."""
+        """Displacements at ``m`` by parts with an amplitude, and derivatives of those wanted."""
         needed = set(self.parts) if wanted is None else set(wanted) & set(self.parts)
         on = [x for x in self.parts if x in needed or np.any(amplitudes.get(x, 0.0))]
         if not on:

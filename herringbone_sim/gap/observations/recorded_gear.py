@@ -214,7 +214,12 @@ class RecordedGear:
         return {g.motion.name: r for r, g in enumerate(self.runs)}
 
     def corrected_run(self, r: int, errors: Mapping[str, Array]) -> GearRun:
-        """Run r with errors of motion sensors removed; ``errors``: (runs, rows) by function."""
+        """Run r with errors of motion sensors undone.
+
+        Args:
+            errors: amplitudes (runs, rows), equal in all rows, by name of the function
+                (``consistency.function_names``); any of ``swap`` but zero undoes the swap.
+        """
         g, run = self.runs[r], self.runs[r].run
         for name, a in errors.items():
             value = float(a[r][0])

@@ -107,7 +107,7 @@ def _rounding(z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
-    """Force of the seat [N] at displacement q [m] and rate [m/s]; p: fields of ``SeatSpring``."""
+    """Force [N] that resists displacement q [m] and rate [m/s]; p: fields of ``SeatSpring``."""
     stiffness, damping, play, width, growth, drag = p[2], p[3], p[4], p[5], p[6], p[7]
     if width * MAX_EXPONENT > max(play, abs(q)):
         # width [ln(1 + e^a) - ln(1 + e^b)], a and b = (+-q - play) / width

@@ -150,7 +150,7 @@ def _displacement(name: str) -> Function:
 
 
 def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
-    """Basis function of a pin: its inertia force on the carrier, -m w'' [N]."""
+    """Basis function of a pin: force -m q'' [N] on the carrier, q its motion in the bore."""
     at, mass = pin_meshes(model, seat.locus)
 
     def values(m: MeshMotion, law: Law) -> Array:

@@ -45,9 +45,10 @@ class Group(NamedTuple):
 def misfits(s: Windows, solution: WindowSolution) -> list[Group]:
     """Groups of misfitted windows, that of the largest excess of chi2 first.
 
-    The chi2 of a misfit is too large for chance (``RARE``), if the median over the windows is that
-    of noise, and exceeds its expectation by more than ``CHANCE_CHI2``. All ``STATES`` of a window
-    count as fitted to its readings, although the ties between windows determine a part of them.
+    The noise level of the run is taken from its median window. At this level the chi2 of a misfit
+    is too large for chance (``RARE``) and exceeds its expectation by more than ``CHANCE_CHI2``.
+    All ``STATES`` of a window count as fitted to its readings, although the ties between windows
+    determine a part of them.
     """
     count = np.count_nonzero(s.weight, axis=(1, 2))
     known = np.flatnonzero(count)

@@ -48,8 +48,9 @@ def nonlinear_trials(
         known: fit without any of these hypotheses.
 
     Returns:
-        Best trials, best first: chi2 left of all runs (extrapolated from one or two), hypothesis,
-        start values (p,) of its fit. Empty where the known fit leaves little of every run.
+        Best trials, best first, a sufficient swap alone: chi2 left of all runs (extrapolated from
+        one or two), hypothesis, start values (p,) of its fit. Empty where the known coefficients
+        without tolerances leave little of every run.
     """
     count, n = len(gear.runs), len(known.coefficients)
     about = known.mean.copy()

@@ -235,8 +235,11 @@ class Comparison:
 
 
 def _append(stretches: deque[Any], new: Residual | MotionStatistics) -> None:
-    """Append the result of a stretch; drop all earlier results if they can't be joined with it."""
-    if stretches and not joinable(new, stretches[-1]):
+    """Append the result of a stretch; drop all earlier ones if the first can't be joined with it.
+
+    The first, as a slow drift of the operating point changes each a little from the one before.
+    """
+    if stretches and not joinable(new, stretches[0]):
         stretches.clear()
     stretches.append(new)
 

@@ -139,7 +139,7 @@ def join_motions(stretches: Sequence[MotionStatistics]) -> MotionStatistics:
 
 
 def joinable(new: Residual | MotionStatistics, old: Residual | MotionStatistics) -> bool:
-    """Whether two stretches have the same places (or meshes), metric and operating point."""
+    """Whether places (or meshes) and metric are equal, and ``same_operating_point`` holds."""
     if isinstance(new, Residual) and isinstance(old, Residual):
         same = (new.metric, new.places) == (old.metric, old.places)
     else:

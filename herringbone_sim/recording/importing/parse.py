@@ -132,7 +132,7 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
 
 
 def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpec:
-    """Parse one file of a run; ``names`` are the channels that it may have."""
+    """Parse the spec entry of one file of a run; ``names``: channels that a run may have."""
     path = folder / entry.text("path").replace("{run}", run)
     if not path.exists():
         raise entry.wrong("path", "a file beside the spec", str(path), "no such file")

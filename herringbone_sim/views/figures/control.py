@@ -174,7 +174,10 @@ def _draw_pair(
 
 
 def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
-    """Draw exponents (n, m) over values (n,) and K (m,): white at zero, red above, blue below."""
+    """Draw exponents (n, m) over values (n,) and K (m,), and a colour bar with the label.
+
+    White at zero, red above, blue below, each with a scale of its own.
+    """
     image = cells(axes, values, K, rates, cmap="RdBu_r", norm=exponent_norm(rates))
     assert axes.figure is not None
     bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)

@@ -209,7 +209,7 @@ class RerunStream:
         return [k for k in KINDS if k in self._borders(block) and self._meshes(block, "x", k)]
 
     def _borders(self, block: MirrorBlock) -> Mapping[str, float]:
-        """Return the known half backlash [m] by mesh kind."""
+        """Return the half backlash [m] by mesh kind, of the block or else of the drawing."""
         return {**(self.scale.b_half if self.scale else {}), **(block.b_half or {})}
 
 
