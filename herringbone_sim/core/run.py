@@ -339,8 +339,7 @@ class Kernel:
         """Fill rows with samples and advance ``arrays`` in place, see ``sample``.
 
         Args:
-            arrays: state at the first sample.
-            t: time [s] of the first sample.
+            arrays, t: state and time [s] of the first sample.
             out: as for ``sample``; its contact counts are incremented.
 
         Returns:
