@@ -15,7 +15,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, dec
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.units import clock_unit, wrong_units
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.misfit import (
+from herringbone_sim.gap.residuals.other_gear import (
     mesh_speed_mismatch,
     most_common_ratio,
     nominal_mismatch,

@@ -30,7 +30,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mes
 from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.misfit import runs_with_other_force_law
+from herringbone_sim.gap.residuals.other_gear import runs_with_other_force_law
 from herringbone_sim.gap.sensors.detrended import settle_detrended
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.recording.campaign import CampaignRun

@@ -9,7 +9,7 @@ import pytest
 
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.noise import resolution
-from herringbone_sim.gap.residuals.misfit import geometry_scales
+from herringbone_sim.gap.residuals.other_gear import geometry_scales
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
