@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.fits import (
     MAX_FITTED,
+    MAX_FITTED_FAR,
     MAX_FITTED_PER_EFFECT,
+    MAX_FITTED_PER_EFFECT_FAR,
     MIN_FITTED,
     NONLINEAR_CHI2,
     FittedExplanation,
@@ -28,10 +30,13 @@ from herringbone_sim.diagnosis.fits import (
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
 from herringbone_sim.diagnosis.pairs import (
+    fit_jointly,
     fit_pairs,
     fit_rivals_of_first,
+    rank_jointly,
     refit_first_alone,
     refit_second_alone,
+    with_each_alone,
     without_duplicates,
 )
 from herringbone_sim.diagnosis.products import residual_without_nuisance
@@ -100,7 +105,10 @@ def examine(
     gain = none.loss - min((r[0] for r in ranked), default=none.loss)
     worth = search.worth
     idle = gain < worth and _predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
-    singles = fit_best(search, ranked, MIN_FITTED if idle else MAX_FITTED, MAX_FITTED_PER_EFFECT)
+    limits = MAX_FITTED, MAX_FITTED_PER_EFFECT
+    if none.loss - gain > NONLINEAR_CHI2 * count:
+        limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
+    singles = fit_best(search, ranked, MIN_FITTED if idle else limits[0], limits[1])
     if machine.estimates_states:
         if not idle:
             singles = with_unscreened(search, ranked, singles)
@@ -108,6 +116,7 @@ def examine(
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
         if again is not none:
             none, remainder = again, _predictable_remainder(search, again)
+    joint = rank_jointly(search, ranked) if machine.estimates_states and not idle else []
     say("what is left")
     flexible = {"none": remainder}
     pairs: tuple[FittedExplanation, ...] = ()
@@ -120,25 +129,33 @@ def examine(
                 say("less noise")
                 before, idle = none.loss, False
                 search, none, singles = _with_noise(search, noise, none, singles)
-                ranked = [
-                    (v * none.loss / before, hypothesis, start) for v, hypothesis, start in ranked
-                ]
+                ranked = [(v * none.loss / before, h, start) for v, h, start in ranked]
+                joint = [(v * none.loss / before, pair, start) for v, pair, start in joint]
                 first = simplest_equivalent(none, singles)
                 remainder = flexible["none"] = _predictable_remainder(search, none)
                 flexible["single"] = _predictable_remainder(search, singles[0], remainder)
+        pairs = fit_jointly(search, joint, singles[0].loss - worth)
+        if pairs:
+            singles = with_each_alone(search, pairs, singles)
+            first = simplest_equivalent(none, singles)
+            flexible["single"] = _predictable_remainder(search, singles[0], remainder)
+            flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
         lacks_one = in_sample > NONLINEAR_CHI2 * count or (
             _predicted_chi2(flexible["single"]) > worth and not idle
         )
-        more_than_noise = in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count and not idle
-        if lacks_one or more_than_noise:
+        most = (1.0 + MIN_GAIN_PER_VALUE) * count
+        more_than_noise = in_sample > most and not idle
+        explained = bool(pairs) and pairs[0].score.in_sample <= most
+        if (lacks_one or more_than_noise) and not explained:
             say("pairs")
             least = 0.0 if lacks_one else worth
-            pairs = fit_pairs(search, catalogue, first, least, singles)
-            if pairs:
+            added_pairs = fit_pairs(search, catalogue, first, least, singles)
+            pairs = without_duplicates((*pairs, *added_pairs))
+            if added_pairs:
                 flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
-                better = refit_first_alone(search, first, pairs[0])
+                better = refit_first_alone(search, first, added_pairs[0])
                 if better.loss < first.loss:
                     others = [f for f in singles if f is not first]
                     first = better

@@ -16,6 +16,8 @@ from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
 MAX_FITTED = 6  # single effects fitted exactly
 MAX_FITTED_PER_EFFECT = 2  # single effects fitted exactly with the same id
+# The same where even the best linear fit leaves too much, so that its order is a poor guide.
+MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR = 10, 4
 MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
 EQUIVALENT_SHARE = 0.01  # fraction of the gap by which explanations may differ and count as equal
@@ -106,7 +108,7 @@ def rank(
         )
         known_better = {id(hypothesis) for _, hypothesis, _ in tried}
         others = [f for f in ranking if id(f[1]) not in known_better]
-        ranking = [*tried, *(others[:MIN_FITTED] if tried else others)]
+        ranking = [*tried, *others]
     return search, ranking
 
 

@@ -3,17 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from herringbone_sim.diagnosis.fits import FittedExplanation, fit_best, fit_effect, rank
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.fits import (
+    FittedExplanation,
+    Ranking,
+    fit_best,
+    fit_effect,
+    rank,
+)
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 
 # Limits of the search, chosen for run time:
 MAX_FITTED_PAIRS = 3  # second effects fitted exactly
 MAX_PAIRS_OF_SINGLES = 2  # second effects fitted from their values in the fit of them alone
+# Pairs scored by leave-one-run-out in the joint screen, and those of them fitted exactly.
+MAX_SCREENED_JOINTLY, MAX_FITTED_JOINTLY = 300, 3
+
+PairRanking = list[tuple[float, tuple[Hypothesis, Hypothesis], Array]]  # as ``Ranking``
+
+
+def rank_jointly(search: Search, ranked: Ranking) -> PairRanking:
+    """Rank all pairs of different effects of a ranking by linear scores, best first.
+
+    Neither effect need be the best one alone, which may absorb the responses of both.
+    """
+    linear = [hypothesis for _, hypothesis, _ in ranked if hypothesis.measured_gain is None]
+    every = [(a, b) for a, b in combinations(linear, 2) if a.effect != b.effect]
+    quick = [
+        (search.quick((*a.coefficients, *b.coefficients)), i) for i, (a, b) in enumerate(every)
+    ]
+    ranking: PairRanking = []
+    for _, i in sorted(quick)[:MAX_SCREENED_JOINTLY]:
+        a, b = every[i]
+        score = search.screened((*a.coefficients, *b.coefficients), 0.3)
+        ranking.append((score.loss, (a, b), score.mean))
+    return sorted(ranking, key=lambda f: f[0])
+
+
+def fit_jointly(
+    search: Search, ranked: PairRanking, limit: float
+) -> tuple[FittedExplanation, ...]:
+    """Fit the best pairs whose linear loss is below a limit, each set of effects once."""
+    effects: set[frozenset[str]] = set()
+    fits: list[FittedExplanation] = []
+    for loss, (a, b), start in ranked:
+        if loss >= limit or len(fits) == MAX_FITTED_JOINTLY:
+            break
+        if frozenset((a.effect, b.effect)) not in effects:
+            effects.add(frozenset((a.effect, b.effect)))
+            score = search.refined((*a.coefficients, *b.coefficients), start)
+            fits.append(FittedExplanation((a, b), search.settled(score)))
+    return tuple(sorted(fits, key=lambda f: f.loss))
 
 
 def fit_pairs(
@@ -126,6 +172,25 @@ def refit_second_alone(
             return f
     start = np.concatenate([search.null.mean, pair.score.mean[-len(second.coefficients) :]])
     return FittedExplanation((second,), search.settled(search.refined(second.coefficients, start)))
+
+
+def with_each_alone(
+    search: Search, pairs: Sequence[FittedExplanation], singles: Sequence[FittedExplanation]
+) -> tuple[FittedExplanation, ...]:
+    """Add fits of each effect of pairs alone, from its values in the pair; return all, best first.
+
+    Effects at their place that are in ``singles`` are not fitted again.
+    """
+    fits = {_key(f.hypotheses[0]): f for f in singles}
+    for pair in pairs:
+        first = len(search.base)
+        for hypothesis in pair.hypotheses:
+            own = slice(first, first + len(hypothesis.coefficients))
+            first = own.stop
+            if _key(hypothesis) not in fits:
+                start = np.concatenate([search.null.mean, pair.score.mean[own]])
+                fits[_key(hypothesis)] = fit_effect(search, hypothesis, start)
+    return tuple(sorted(fits.values(), key=lambda f: f.loss))
 
 
 def fit_rivals_of_first(

@@ -7,7 +7,7 @@ continuity constraint: jumps add to chi2 (H. G. Bock, Springer Series in Chemica
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -21,7 +21,9 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowInte
 from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
 from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
-JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
+# Jumps in a first fit of windows that may be in a local minimum; chosen.
+LOOSE_JUMP_SD = 0.3
+MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local minimum; chosen
 FIT_MAX_ROUNDS = 25
 FIT_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit ends
 # Tolerance where states are the result: those of unmeasured planets converge slower than chi2.
@@ -40,6 +42,7 @@ class WindowSolution:
         residuals: (W, samples, k) measured minus predicted, over the noise.
         jumps: (W - 1, 18) end of a window minus start of the next, over ``Windows.scale``.
         trends: (m,) amplitudes of ``Windows.trends``.
+        jump_sd: see ``Windows``.
     """
 
     integrator: WindowIntegrator
@@ -49,6 +52,7 @@ class WindowSolution:
     residuals: Array
     jumps: Array
     trends: Array
+    jump_sd: float
     # No cached_property: before Python 3.12 it lets one thread at a time compute.
     _cached: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
 
@@ -66,8 +70,8 @@ class WindowSolution:
 
     @property
     def cost(self) -> float:
-        """Chi2: sum of squares of the residuals, and of the jumps over ``JUMP_SD``."""
-        return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / JUMP_SD**2)
+        """Chi2: sum of squares of the residuals, and of the jumps over ``jump_sd``."""
+        return float(np.sum(self.residuals**2) + np.sum(self.jumps**2) / self.jump_sd**2)
 
 
 def symmetric_starts(s: Windows) -> Array:
@@ -111,7 +115,7 @@ def _evaluated(
     measured = s.measured - s.trend_values(trends)
     off, slope = (measured - seen) * s.weight, slope * s.weight[..., None]
     jumps = (states[:-1, -1] - starts[1:]) / s.scale
-    return WindowSolution(integrator, starts, states, slope, off, jumps, trends)
+    return WindowSolution(integrator, starts, states, slope, off, jumps, trends, s.jump_sd)
 
 
 def propagators(s: Windows, integrator: WindowIntegrator, starts: Array) -> Array:
@@ -135,12 +139,12 @@ def window_jacobian(s: Windows, solution: WindowSolution) -> WindowJacobian:
     """Jacobian of predicted channels and jumps by scaled start states, over the noise."""
     T = propagators(s, solution.integrator, solution.starts)
     readings = (solution.slope @ T[:, :-1]).reshape(s.n_windows, -1, STATES)
-    return WindowJacobian(readings, T[:-1, -1] / JUMP_SD, 1.0 / JUMP_SD)
+    return WindowJacobian(readings, T[:-1, -1] / s.jump_sd, 1.0 / s.jump_sd)
 
 
 def stacked_residual(solution: WindowSolution) -> Array:
     """Residuals (rows,) of all channels, then minus the jumps, over the noise."""
-    return np.concatenate([solution.residuals.ravel(), -solution.jumps.ravel() / JUMP_SD])
+    return np.concatenate([solution.residuals.ravel(), -solution.jumps.ravel() / solution.jump_sd])
 
 
 def fitted_windows(
@@ -190,6 +194,28 @@ def fitted_windows(
         if gained < tolerance * cost:
             break
     return solution
+
+
+def misses_much(s: Windows, solution: WindowSolution) -> bool:
+    """Whether chi2 per reading exceeds ``MAX_FIT_CHI2``, as in a local minimum."""
+    return bool(solution.cost > MAX_FIT_CHI2 * np.count_nonzero(s.weight))
+
+
+def fitted_loosely_first(
+    s: Windows,
+    solution: WindowSolution,
+    forcing: Forcing,
+    rounds: int = FIT_MAX_ROUNDS,
+) -> WindowSolution:
+    """Fit again with loose ties between windows first, so that each follows its own readings.
+
+    Returns:
+        The fit, or ``solution`` where that leaves less.
+    """
+    loose = replace(s, jump_sd=LOOSE_JUMP_SD)
+    apart = fitted_windows(loose, solution.starts, forcing, rounds, solution.trends)
+    tied = fitted_windows(s, apart.starts, forcing, rounds, apart.trends)
+    return min(solution, tied, key=lambda fit: fit.cost)
 
 
 def _trend_step(

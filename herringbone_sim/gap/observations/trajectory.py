@@ -32,6 +32,7 @@ from herringbone_sim.gap.observations.shooting import (
     WindowSolution,
     evaluated,
     fitted_windows,
+    misses_much,
     stacked_residual,
     window_jacobian,
 )
@@ -59,7 +60,6 @@ NAME = "trajectory"
 # Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its last states;
 # chosen for run time.
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
-MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local minimum; chosen
 # States are restarted once chi2 is less than this fraction of that at the last restart, as the
 # motion has changed; chosen.
 RESTART_SHARE = 0.75
@@ -142,7 +142,7 @@ class Trajectory(ForcedWindows):
             )
             solution = min(solution, other, key=lambda fit: fit.cost)
         before = self._restart_chi2.get(key, self.nominal.cost)
-        far_off = solution.cost > MAX_FIT_CHI2 * np.count_nonzero(self.windows.weight)
+        far_off = misses_much(self.windows, solution)
         settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
         at_rest = far_off and settled and key not in self._restarted_when_settled
         if at_rest:

@@ -21,7 +21,7 @@ from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
-from herringbone_sim.gap.observations.shooting import JUMP_SD, WindowSolution
+from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.window_sensors import (
     ERRORS,
     SWAP_PREFIX,
@@ -177,7 +177,7 @@ def responses(
     way = np.ascontiguousarray(0.5 * s.h * direction.T)
     slope = np.ascontiguousarray(solution.slope)
     _respond(solution.step_tangents, way, pushed, slope, each, data, end)
-    ties = end[:-1] / (s.scale[:, None] * JUMP_SD)
+    ties = end[:-1] / (s.scale[:, None] * s.jump_sd)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])
 
 

@@ -17,7 +17,6 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import (
-    JUMP_SD,
     WindowSolution,
     fitted_windows,
     symmetric_starts,
@@ -102,7 +101,7 @@ def restarted(
             continue
         if begin:
             jump = (solution.states[begin - 1, -1] - starts[:, 0]) / s.scale
-            cost = cost + np.sum(jump**2, axis=1) / JUMP_SD**2
+            cost = cost + np.sum(jump**2, axis=1) / s.jump_sd**2
         for i in np.argsort(np.nan_to_num(cost, nan=np.inf))[:N_FITTED].tolist():
             new = solution.starts.copy()
             new[part] = starts[i]
@@ -117,4 +116,4 @@ def _left(solution: WindowSolution, part: slice) -> float:
     """Chi2 of some windows and of the jumps at their ends."""
     ties: Array = solution.jumps[max(part.start - 1, 0) : part.stop]
     residuals = solution.residuals[part]
-    return float(np.sum(residuals**2) + np.sum(ties**2) / JUMP_SD**2)
+    return float(np.sum(residuals**2) + np.sum(ties**2) / solution.jump_sd**2)

@@ -8,14 +8,17 @@ B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
-    JUMP_SD,
     WindowSolution,
+    fitted_loosely_first,
     fitted_windows,
+    misses_much,
     propagators,
     symmetric_starts,
 )
@@ -26,6 +29,9 @@ N_FITTED = 2  # initial states fitted to convergence
 # Passes of filter and fit where rotations may lack their mean or the rigid swing; each takes the
 # trends of the best fit before it off the readings.
 N_FILTERED = 3
+# Process noise of further filters where the best fit misses much: motion under another law than
+# the nominal one needs more; chosen.
+FILTER_JUMP_SD = (0.1, 0.3)
 FILTER_MAX_ROUNDS = 8
 FILTER_TOLERANCE = 1e-2  # relative decrease of a window's chi2 below which its fit ends
 
@@ -52,7 +58,19 @@ def filter_and_fit(
             for i in np.argsort(cost)[:N_FITTED]
         ]
         trends = min(fits, key=lambda solution: solution.cost).trends
-    return min(fits, key=lambda solution: solution.cost)
+    best = min(fits, key=lambda solution: solution.cost)
+    if not misses_much(s, best):
+        return best
+    for jump_sd in FILTER_JUMP_SD:
+        right = replace(with_lead.without_trends(trends), jump_sd=jump_sd)
+        starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+        starts = starts[:, with_lead.n_windows - s.n_windows :]
+        fits += [
+            fitted_windows(s, starts[i], forcing, trends=trends)
+            for i in np.argsort(np.nan_to_num(cost, nan=np.inf))[:N_FITTED]
+        ]
+    usable = [fit for fit in fits if np.isfinite(fit.cost)]
+    return min((fitted_loosely_first(s, fit, forcing) for fit in usable), key=lambda fit: fit.cost)
 
 
 def initial_states(s: Windows) -> Array:
@@ -73,7 +91,7 @@ def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, 
     """Filter initial states (K, 18) through all windows, each by its own filter.
 
     The prior of the first window is broad (the RMS of the motion); those of later windows are
-    predictions with process noise ``JUMP_SD``.
+    predictions with process noise ``Windows.jump_sd``.
 
     Returns:
         Start states (K, W, 18) and total chi2 (K,).
@@ -88,7 +106,7 @@ def filtered_starts(s: Windows, forcing: Forcing, first: Array) -> tuple[Array, 
         starts[:, w] = z * s.scale
         cost += now
         expected = end
-        spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + JUMP_SD**2 * eye
+        spread = passed @ np.linalg.inv(normal) @ passed.transpose(0, 2, 1) + s.jump_sd**2 * eye
         spread = np.asarray(0.5 * (spread + spread.transpose(0, 2, 1)), dtype=np.float64)
     return starts, cost
 

@@ -72,8 +72,8 @@ class WindowJacobian:
 
     Args:
         readings: (W, m, n) derivatives of the readings of each window, over the noise.
-        ends: (W - 1, n, n) derivatives of the end of each window but the last, over ``JUMP_SD``.
-        start: derivative of a scaled start state by itself, 1, over ``JUMP_SD``.
+        ends: (W - 1, n, n) derivatives of the end of each window but the last, over ``jump_sd``.
+        start: derivative of a scaled start state by itself, 1, over ``Windows.jump_sd``.
 
     Attributes:
         own, below: blocks of J'J, see ``BlockTridiagonal``.

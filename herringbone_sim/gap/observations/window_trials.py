@@ -19,7 +19,7 @@ from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.trajectory import MAX_FIT_CHI2
+from herringbone_sim.gap.observations.shooting import MAX_FIT_CHI2
 
 # Sizes over the moderate one, in the direction of the linear fit; chosen.
 SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
@@ -27,6 +27,7 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
 SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
+MAX_TRIALS = 96  # trials up to which those of effects that a linear fit can size are added
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
 
@@ -74,8 +75,10 @@ def nonlinear_trials(
                 (hypothesis, np.concatenate([about, center + leading * k]))
                 for k in PART_LOG_FACTORS
             ]
-        elif np.any(sizes) and all(
-            c.scales_with_effect and not c.center for c in hypothesis.coefficients
+        elif (
+            len(trials) < MAX_TRIALS
+            and np.any(sizes)
+            and all(c.scales_with_effect and not c.center for c in hypothesis.coefficients)
         ):
             unit = np.array([c.sd for c in hypothesis.coefficients[: hypothesis.n_own]])
             moderate = sizes / np.linalg.norm(sizes / unit)

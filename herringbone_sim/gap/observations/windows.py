@@ -28,6 +28,7 @@ STEP_RAD = 0.08  # longest integration step
 # Integration error through contact at this step over a channel's RMS, counted as noise;
 # upper bound checked by test/gap/test_gap_windows.py.
 INTEGRATION_ERROR = 3e-4
+JUMP_SD = 0.03  # standard deviation of a jump between windows, over the RMS of the motion
 WINDOW_RAD = 6.0  # length of a window: two periods of the fastest mode at least
 # Windows of a run; the second number where the residual is as small as noise, so that more values
 # are needed. Chosen for run time.
@@ -52,6 +53,7 @@ class Windows:
         trends: parts of channels that the recording may lack, see ``Trends``.
         delay, clock: (k,) delay [s] and relative clock error of each channel, which shows
             y(t - delay - clock t), t from the start of the recording.
+        jump_sd: standard deviation of a jump between windows, over ``scale``.
     """
 
     run: PreparedRun
@@ -69,6 +71,7 @@ class Windows:
     trends: Trends
     delay: Array
     clock: Array
+    jump_sd: float = JUMP_SD
 
     @property
     def n_windows(self) -> int:
