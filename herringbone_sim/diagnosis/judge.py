@@ -18,10 +18,12 @@ predicts in its residual, N the number of values; "best" is the explanation with
 - excess left: largest mean square left in an observation, beyond 1 for noise and its chance.
 - second share: part of what the best single effect leaves that the second effect removes; in
   sample, part of all that the pair removes: little if it only mends the first effect's curve.
+- lost share: chi2 that is lost where each run is predicted from the others, over the chi2 that the
+  explanation removes in sample, ``CHANCE_CHI2`` added to both: a true law holds for every run.
 - count: N, which runs from thousands (windows) to half a million and changes what shares mean.
 
-Second effects are tried only beside the best single effects. So each single effect competes also
-as a pair of it and something unknown (``beside``): the true pair if its second was not tried.
+Only few pairs are fitted. So each single effect competes also as a pair of it and something
+unknown (``beside``): the true pair if it was not tried.
 """
 
 from __future__ import annotations
@@ -65,6 +67,7 @@ NAMES = (
     "beside: log count",
     "beside: log squares left",
     "beside: log excess left",
+    "log lost share",
 )
 # Kinds of loss, each with weights of its own: log densities, where states are estimated, are
 # nearly calibrated; squares are not, as laws that differ from the catalogue's leave some.
@@ -131,7 +134,12 @@ def numbers(evidence: Evidence) -> tuple[list[Explanation], Array]:
             "log squares left": float(np.log((c.loss - fewest) / (none.loss - fewest))),
             "log strain": float(np.log1p(c.strain)),
             "log excess left": float(np.log(max(c.worst - 1.0 - chance, LEAST))),
+            "log lost share": lost_share(c) if c.effects else 0.0,
         }
+
+    def lost_share(c: Candidate) -> float:
+        lost = max(c.chi2 - c.in_sample, 0.0) + CHANCE_CHI2
+        return float(np.log(lost / (max(none.in_sample - c.in_sample, 0.0) + CHANCE_CHI2)))
 
     def pair_numbers(c: Candidate) -> dict[str, float]:
         first = singles[0].loss

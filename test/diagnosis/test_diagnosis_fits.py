@@ -18,9 +18,12 @@ from herringbone_sim.diagnosis.fits import (
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.pairs import (
+    fit_jointly,
     fit_pairs,
     fit_rivals_of_first,
+    rank_jointly,
     refit_second_alone,
+    with_each_alone,
     without_duplicates,
 )
 
@@ -186,3 +189,44 @@ def test_the_second_effect_to_fit_alone_is_one_that_can_stand_alone() -> None:
     search = ranking_of([], {})
     assert refit_second_alone(search, [alone], pairs) is alone
     assert refit_second_alone(search, [alone], pairs[:1]) is None
+
+
+def joint_search(gains: dict[frozenset[str], float]) -> Any:
+    """A search in which a set of effects leaves 100 less its gain; coefficients bear its name."""
+
+    def score(coefficients: Any, *_: Any) -> Any:
+        left = 100.0 - gains.get(frozenset(c.name for c in coefficients), 0.0)
+        return SimpleNamespace(loss=left, mean=np.zeros(3), in_sample=left, coefficients=())
+
+    null = SimpleNamespace(in_sample=100.0, mean=np.zeros(1))
+    search: Any = SimpleNamespace(screened=score, refined=score, null=null, base=(None,))
+    search.quick = lambda coefficients: score(coefficients).loss - 100.0
+    search.settled = lambda score: score
+    return search
+
+
+def named(effect: str, place: str = "all") -> Hypothesis:
+    """A hypothesis whose coefficient has the name of the effect."""
+    return Hypothesis(effect, (), place, (Coefficient(effect, 1.0, np.inf, {}),), 1)
+
+
+def test_pairs_are_screened_though_neither_effect_is_the_best_alone() -> None:
+    """Each removes little; another effect takes on a part of both."""
+    contact, thermal, backlash = (named(name) for name in ("contact", "thermal", "backlash"))
+    gains = {frozenset(("contact",)): 50.0, frozenset(("thermal", "backlash")): 90.0}
+    gains |= {frozenset(("contact", other)): 55.0 for other in ("thermal", "backlash")}
+    event = replace(named("crack"), measured_gain=70.0)  # no response to be screened
+    ranked = [(50.0, contact, np.zeros(2))]
+    ranked += [
+        (95.0, h, np.zeros(2)) for h in (thermal, backlash, event, named("thermal", "left"))
+    ]
+    search = joint_search(gains)
+    joint = rank_jointly(search, ranked)
+    assert [{a.effect, b.effect} for _, (a, b), _ in joint[:2]] == 2 * [{"thermal", "backlash"}]
+    assert all("crack" not in (a.effect, b.effect) for _, (a, b), _ in joint)
+    assert all(a.effect != b.effect for _, (a, b), _ in joint)
+    assert [f.loss for f in fit_jointly(search, joint, 46.0)] == [10.0, 45.0, 45.0]
+    (best,) = fit_jointly(search, joint, 40.0)  # the others leave more
+    singles = with_each_alone(search, [best], [fitted(50.0, contact)])
+    assert [f.effects for f in singles] == [("contact",), ("thermal",), ("backlash",)]
+    assert len(with_each_alone(search, [best], singles)) == 3

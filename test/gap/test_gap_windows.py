@@ -14,7 +14,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.rotations import detrended_rotations, with_rotations
 from herringbone_sim.gap.observations import trajectory as trajectory_module
-from herringbone_sim.gap.observations import windows
+from herringbone_sim.gap.observations import window_starts, windows
 from herringbone_sim.gap.observations.body_motion import inverse_masses, static_rotations
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
@@ -23,6 +23,7 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     WindowSolution,
     evaluated,
+    fitted_loosely_first,
     fitted_windows,
     stacked_residual,
     symmetric_starts,
@@ -393,3 +394,39 @@ def test_noise_of_single_samples_is_selected_with_its_mesh(gear: Gear) -> None:
     noise = np.arange(m.x.size, dtype=float).reshape(m.x.shape)
     some, _ = select_meshes(replace(m, sigma_x=noise), LawChange(), np.array([2, 5]))
     np.testing.assert_array_equal(some.sigma_x, noise[:, [2, 5]])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_states_in_a_local_minimum_are_fitted_with_loose_ties_first(
+    one: tuple[Trajectory, WindowSolution], seed: int
+) -> None:
+    """All windows start 0.3 of the motion off; tied at once, they hinder one another."""
+    trajectory, shot = one
+    s, forcing = trajectory.recorded, shot.integrator.forcing
+    off = np.random.default_rng(seed).standard_normal(shot.starts.shape)
+    tied = fitted_windows(s, shot.starts + 0.3 * off * s.scale, forcing, trends=shot.trends)
+    assert tied.cost > 1.1 * shot.cost
+    loose = fitted_loosely_first(s, tied, forcing)
+    assert loose.cost == pytest.approx(shot.cost, rel=0.02)
+    assert loose.jump_sd == JUMP_SD
+
+
+def test_where_much_is_missed_the_run_is_filtered_with_more_noise(
+    one: tuple[Trajectory, WindowSolution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the first filter is led astray; where it is not, its fit is taken."""
+    trajectory, shot = one
+    lead = trajectory._with_lead
+    forcing = [w.forcing(LawChange(), np.ones(9), ()) for w in (trajectory, lead)]
+    windows_of = trajectory.recorded, forcing[0], lead.recorded, forcing[1]
+    filtered, passes = window_starts.filtered_starts, []
+
+    def astray(s: Windows, drive: Forcing, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        passes.append(s.jump_sd)
+        starts, cost = filtered(s, drive, first)
+        return starts * (-5.0 if s.jump_sd == JUMP_SD else 1.0), cost
+
+    assert filter_and_fit(*windows_of).cost == pytest.approx(shot.cost, rel=0.02)
+    monkeypatch.setattr(window_starts, "filtered_starts", astray)
+    assert filter_and_fit(*windows_of).cost < 1.2 * shot.cost
+    assert passes == [JUMP_SD, *window_starts.FILTER_JUMP_SD]
