@@ -45,9 +45,24 @@ def test_a_second_effect_that_takes_little_is_believed_less():
         given = chances(Evidence(1.0e5, tuple(candidates), remains, {}))
         return sum(c.probability for c in given if c.effects == ("a", "b"))
 
-    shares = [pair_given(second) for second in (0.002, 0.02, 0.2)]
-    assert shares == sorted(shares)
-    assert shares[-1] > 2.0 * shares[0]
+    p = np.array([pair_given(second) for second in (0.002, 0.02, 0.2)])
+    odds = p / (1.0 - p)
+    assert np.all(np.diff(odds) > 0.0)
+    assert odds[-1] > 2.0 * odds[0]
+
+
+def test_what_is_lost_where_runs_are_left_out_is_believed_less():
+    """Two effects that leave as much of left-out runs: one fits all runs no better than that."""
+
+    def probability(in_sample):
+        rest = {"size": 1, "strain": 0.1, "worst": 1.01}
+        losses = {(): (3.0e5, 2.9e5), ("a",): (1.2e5, in_sample), ("b",): (1.2e5, 1.0e5)}
+        candidates = [Candidate(e, ("",) * len(e), *losses[e], **rest) for e in losses]
+        remains = {"none": 2.0e5, "single": 2.0e3}
+        given = chances(Evidence(1.0e5, tuple(candidates), remains, {}))
+        return next(c.probability for c in given if c.effects == ("a",))
+
+    assert probability(1.19e5) > 1.2 * probability(1.0e5)
 
 
 def test_evidence_that_is_not_finite_gives_no_probabilities():

@@ -116,7 +116,7 @@ def test_nine_in_ten_intervals_hold_the_truth(campaigns: list[CaseEvidence]) -> 
         np.mean(np.abs(error) <= 1.645 * np.hypot(sd, r * size))
         for r in (judge.relative_error(), 3.0 * judge.relative_error())
     ]
-    assert inside[0] == pytest.approx(0.9, abs=0.5 / len(error) + 1e-9)
+    assert inside[0] == pytest.approx(0.9, abs=1.0 / len(error))
     assert inside[1] > inside[0]
 
 
