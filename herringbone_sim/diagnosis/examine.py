@@ -82,7 +82,7 @@ class Examination:
 def examine(
     machine: Machine, say: Callable[[str], None] = lambda text: None, noise_known: bool = True
 ) -> Examination:
-    """Score every hypothesis on the runs of a machine, and pairs where one effect leaves a gap.
+    """Score every hypothesis on the runs of a machine, and pairs of them.
 
     Args:
         machine: with its runs.
@@ -102,11 +102,12 @@ def examine(
     }
     count = sum(counts.values())
     say("fits")
-    gain = none.loss - min((r[0] for r in ranked), default=none.loss)
+    lowest = min((loss for loss, *_ in ranked), default=none.loss)
+    gain = none.loss - lowest
     worth = search.worth
     idle = gain < worth and _predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
     limits = MAX_FITTED, MAX_FITTED_PER_EFFECT
-    if none.loss - gain > NONLINEAR_CHI2 * count:
+    if lowest > NONLINEAR_CHI2 * count:
         limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
     singles = fit_best(search, ranked, MIN_FITTED if idle else limits[0], limits[1])
     if machine.estimates_states:
@@ -116,7 +117,6 @@ def examine(
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
         if again is not none:
             none, remainder = again, _predictable_remainder(search, again)
-    joint = rank_jointly(search, ranked) if machine.estimates_states and not idle else []
     say("what is left")
     flexible = {"none": remainder}
     pairs: tuple[FittedExplanation, ...] = ()
@@ -129,12 +129,14 @@ def examine(
                 say("less noise")
                 before, idle = none.loss, False
                 search, none, singles = _with_noise(search, noise, none, singles)
+                search = search.onwards(search.machine)
                 ranked = [(v * none.loss / before, h, start) for v, h, start in ranked]
-                joint = [(v * none.loss / before, pair, start) for v, pair, start in joint]
                 first = simplest_equivalent(none, singles)
                 remainder = flexible["none"] = _predictable_remainder(search, none)
                 flexible["single"] = _predictable_remainder(search, singles[0], remainder)
-        pairs = fit_jointly(search, joint, singles[0].loss - worth)
+        if machine.estimates_states and not idle:
+            joint = rank_jointly(search, ranked)
+            pairs = fit_jointly(search, joint, singles[0].loss - 2.0 * worth)
         if pairs:
             singles = with_each_alone(search, pairs, singles)
             first = simplest_equivalent(none, singles)
@@ -161,7 +163,7 @@ def examine(
                     first = better
                     singles = tuple(sorted((first, *others), key=lambda f: f.loss))
                     flexible["single"] = _predictable_remainder(search, singles[0], remainder)
-            second = refit_second_alone(search, singles, pairs)
+            second = refit_second_alone(search, singles, added_pairs)
             if second is not None and not machine.estimates_states:  # for run time
                 added_pairs = fit_rivals_of_first(search, second, singles, pairs)
                 pairs = without_duplicates((*pairs, *added_pairs))
@@ -169,7 +171,7 @@ def examine(
             if second is not None and second.loss < singles[0].loss:
                 singles = (second, *singles)
                 flexible["single"] = _predictable_remainder(search, second, remainder)
-            elif not (pairs and _first_was_misfitted(first, pairs[0], flexible)):
+            elif not (added_pairs and _first_was_misfitted(first, added_pairs[0], flexible)):
                 second = None
             if (
                 second is not None

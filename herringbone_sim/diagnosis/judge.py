@@ -22,7 +22,7 @@ predicts in its residual, N the number of values; "best" is the explanation with
   explanation removes in sample, ``CHANCE_CHI2`` added to both: a true law holds for every run.
 - count: N, which runs from thousands (windows) to half a million and changes what shares mean.
 
-Only few pairs are fitted. So each single effect competes also as a pair of it and something
+Only a few pairs are fitted. So each single effect competes also as a pair of it and something
 unknown (``beside``): the true pair if it was not tried.
 """
 

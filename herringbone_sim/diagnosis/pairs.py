@@ -1,4 +1,4 @@
-"""Fit pairs of effects: the best on the residual of a first one, and rivals of either."""
+"""Fit pairs of effects: screened together, or the best on the residual of a first one."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ PairRanking = list[tuple[float, tuple[Hypothesis, Hypothesis], Array]]  # as ``R
 
 
 def rank_jointly(search: Search, ranked: Ranking) -> PairRanking:
-    """Rank all pairs of different effects of a ranking by linear scores, best first.
+    """Rank pairs of different effects of a ranking by linear scores, best first.
 
-    Neither effect need be the best one alone, which may absorb the responses of both.
+    The best single effect need be in none of them: alone, it may absorb the responses of two
+    others. Moving parts, which no linear score can rank, are left out.
     """
     linear = [hypothesis for _, hypothesis, _ in ranked if hypothesis.measured_gain is None]
     every = [(a, b) for a, b in combinations(linear, 2) if a.effect != b.effect]
@@ -49,17 +50,22 @@ def rank_jointly(search: Search, ranked: Ranking) -> PairRanking:
 def fit_jointly(
     search: Search, ranked: PairRanking, limit: float
 ) -> tuple[FittedExplanation, ...]:
-    """Fit the best pairs whose linear loss is below a limit, each set of effects once."""
-    effects: set[frozenset[str]] = set()
-    fits: list[FittedExplanation] = []
+    """Fit the best pairs whose linear loss is below a limit, each set of effects once.
+
+    Fits that leave more than ``search.null`` are in a wrong minimum and left out.
+    """
+    best: dict[frozenset[str], tuple[tuple[Hypothesis, Hypothesis], Array]] = {}
     for loss, (a, b), start in ranked:
-        if loss >= limit or len(fits) == MAX_FITTED_JOINTLY:
-            break
-        if frozenset((a.effect, b.effect)) not in effects:
-            effects.add(frozenset((a.effect, b.effect)))
-            score = search.refined((*a.coefficients, *b.coefficients), start)
-            fits.append(FittedExplanation((a, b), search.settled(score)))
-    return tuple(sorted(fits, key=lambda f: f.loss))
+        if loss < limit:
+            best.setdefault(frozenset((a.effect, b.effect)), ((a, b), start))
+    fits = [
+        FittedExplanation(
+            (a, b), search.settled(search.refined((*a.coefficients, *b.coefficients), start))
+        )
+        for (a, b), start in list(best.values())[:MAX_FITTED_JOINTLY]
+    ]
+    usable = [f for f in fits if f.score.in_sample <= search.null.in_sample]
+    return tuple(sorted(usable, key=lambda f: f.loss))
 
 
 def fit_pairs(
@@ -181,16 +187,18 @@ def with_each_alone(
 
     Effects at their place that are in ``singles`` are not fitted again.
     """
-    fits = {_key(f.hypotheses[0]): f for f in singles}
+    fits = list(singles)
+    known = {_key(f.hypotheses[0]) for f in singles}
     for pair in pairs:
         first = len(search.base)
         for hypothesis in pair.hypotheses:
             own = slice(first, first + len(hypothesis.coefficients))
             first = own.stop
-            if _key(hypothesis) not in fits:
+            if _key(hypothesis) not in known:
+                known.add(_key(hypothesis))
                 start = np.concatenate([search.null.mean, pair.score.mean[own]])
-                fits[_key(hypothesis)] = fit_effect(search, hypothesis, start)
-    return tuple(sorted(fits.values(), key=lambda f: f.loss))
+                fits.append(fit_effect(search, hypothesis, start))
+    return tuple(sorted(fits, key=lambda f: f.loss))
 
 
 def fit_rivals_of_first(

@@ -21,7 +21,7 @@ from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowInte
 from herringbone_sim.gap.observations.window_states import BlockTridiagonal, WindowJacobian
 from herringbone_sim.gap.observations.windows import Windows, steps_of_run
 
-# Jumps in a first fit of windows that may be in a local minimum; chosen.
+# ``jump_sd`` in the first of two fits of windows that may be in a local minimum; chosen.
 LOOSE_JUMP_SD = 0.3
 MAX_FIT_CHI2 = 1.5  # chi2 per reading above which states may be in a local minimum; chosen
 FIT_MAX_ROUNDS = 25
@@ -201,20 +201,15 @@ def misses_much(s: Windows, solution: WindowSolution) -> bool:
     return bool(solution.cost > MAX_FIT_CHI2 * np.count_nonzero(s.weight))
 
 
-def fitted_loosely_first(
-    s: Windows,
-    solution: WindowSolution,
-    forcing: Forcing,
-    rounds: int = FIT_MAX_ROUNDS,
-) -> WindowSolution:
+def fitted_loosely_first(s: Windows, solution: WindowSolution, forcing: Forcing) -> WindowSolution:
     """Fit again with loose ties between windows first, so that each follows its own readings.
 
     Returns:
         The fit, or ``solution`` where that leaves less.
     """
     loose = replace(s, jump_sd=LOOSE_JUMP_SD)
-    apart = fitted_windows(loose, solution.starts, forcing, rounds, solution.trends)
-    tied = fitted_windows(s, apart.starts, forcing, rounds, apart.trends)
+    apart = fitted_windows(loose, solution.starts, forcing, trends=solution.trends)
+    tied = fitted_windows(s, apart.starts, forcing, trends=apart.trends)
     return min(solution, tied, key=lambda fit: fit.cost)
 
 

@@ -29,6 +29,7 @@ N_FITTED = 2  # initial states fitted to convergence
 # Passes of filter and fit where rotations may lack their mean or the rigid swing; each takes the
 # trends of the best fit before it off the readings.
 N_FILTERED = 3
+N_LOOSE = 4  # fits that are made again with loose ties where the best misses much
 # Process noise of further filters where the best fit misses much: motion under another law than
 # the nominal one needs more; chosen.
 FILTER_JUMP_SD = (0.1, 0.3)
@@ -40,6 +41,8 @@ def filter_and_fit(
     s: Windows, forcing: Forcing, with_lead: Windows, forcing_with_lead: Forcing
 ) -> WindowSolution:
     """Filter several initial states, fit the best, and return the best fit.
+
+    Where that misses much, filters with more process noise and fits with loose ties are tried too.
 
     Args:
         s, forcing: windows to fit, and their forcing.
@@ -58,19 +61,25 @@ def filter_and_fit(
             for i in np.argsort(cost)[:N_FITTED]
         ]
         trends = min(fits, key=lambda solution: solution.cost).trends
-    best = min(fits, key=lambda solution: solution.cost)
-    if not misses_much(s, best):
+    usable = [fit for fit in fits if np.isfinite(fit.cost)] or fits[:1]
+    best = min(usable, key=lambda solution: solution.cost)
+    if not np.isfinite(best.cost) or not misses_much(s, best):
         return best
     for jump_sd in FILTER_JUMP_SD:
         right = replace(with_lead.without_trends(trends), jump_sd=jump_sd)
-        starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+        try:
+            starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+        except np.linalg.LinAlgError:
+            continue
         starts = starts[:, with_lead.n_windows - s.n_windows :]
-        fits += [
+        tried = (
             fitted_windows(s, starts[i], forcing, trends=trends)
-            for i in np.argsort(np.nan_to_num(cost, nan=np.inf))[:N_FITTED]
-        ]
-    usable = [fit for fit in fits if np.isfinite(fit.cost)]
-    return min((fitted_loosely_first(s, fit, forcing) for fit in usable), key=lambda fit: fit.cost)
+            for i in np.argsort(cost)[:N_FITTED]
+        )
+        usable += [fit for fit in tried if np.isfinite(fit.cost)]
+    usable = sorted(usable, key=lambda solution: solution.cost)[:N_LOOSE]
+    again = (fitted_loosely_first(s, solution, forcing) for solution in usable)
+    return min(again, key=lambda solution: solution.cost)
 
 
 def initial_states(s: Windows) -> Array:

@@ -1,4 +1,4 @@
-"""Nonlinear trials: fit windows under each effect at several finite sizes.
+"""Nonlinear trials: fit windows under the best ranked effects at several finite sizes.
 
 Needed where the contact pattern differs from the nominal one, so that the linear response gives
 neither size nor kind of an effect. Trials take a few steps of the fit, on the two least deviating
@@ -27,7 +27,7 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
 SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
-MAX_TRIALS = 96  # trials up to which those of effects that a linear fit can size are added
+MAX_SIZED = 24  # best ranked hypotheses tried at sizes about that of their linear fit
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
 
@@ -64,6 +64,7 @@ def nonlinear_trials(
     ]
     far = [r for r in np.argsort(chi2_by_run).tolist() if chi2_by_run[r] > MAX_FIT_CHI2]
     trials: list[tuple[Hypothesis, Array]] = []
+    sized = 0
     for hypothesis, linear in ranked:
         sizes = linear[n : n + hypothesis.n_own]
         if _is_swap(hypothesis):
@@ -76,10 +77,11 @@ def nonlinear_trials(
                 for k in PART_LOG_FACTORS
             ]
         elif (
-            len(trials) < MAX_TRIALS
+            sized < MAX_SIZED
             and np.any(sizes)
             and all(c.scales_with_effect and not c.center for c in hypothesis.coefficients)
         ):
+            sized += 1
             unit = np.array([c.sd for c in hypothesis.coefficients[: hypothesis.n_own]])
             moderate = sizes / np.linalg.norm(sizes / unit)
             zeros = np.zeros(len(hypothesis.coefficients) - hypothesis.n_own)
