@@ -107,7 +107,7 @@ def examine(
     worth = search.worth
     idle = gain < worth and _predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
     limits = MAX_FITTED, MAX_FITTED_PER_EFFECT
-    if lowest > NONLINEAR_CHI2 * count:
+    if machine.estimates_states and lowest > NONLINEAR_CHI2 * count:
         limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
     singles = fit_best(search, ranked, MIN_FITTED if idle else limits[0], limits[1])
     if machine.estimates_states:

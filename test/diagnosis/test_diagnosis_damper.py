@@ -19,7 +19,14 @@ from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
-from herringbone_sim.examples.damper.simulate import STEP, Run, draw_rig, simulate
+from herringbone_sim.examples.damper.simulate import (
+    OPERATING_POINTS,
+    STEP,
+    Run,
+    draw_rig,
+    record,
+    simulate,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS = ("coulomb", "presliding", "stribeck", "cubic", "play", "gain")
@@ -299,6 +306,21 @@ def test_where_little_is_left_more_values_are_used_and_densities_compared(
     assert evidence_of(found).by_density
     if effect == "cubic":
         assert found.singles[0].hypotheses[0].effect == "cubic"
+
+
+def test_a_pair_that_explains_all_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction and a cubic stiffness, screened together where states are estimated."""
+    rng = np.random.default_rng(SEED)
+    mass, gain, p = draw_rig("cubic", rng)
+    p[3] = 0.6  # friction force [N]
+    runs = [record(2.0 * np.pi * f, float(P), mass, gain, p, rng) for f, P in OPERATING_POINTS]
+    monkeypatch.setattr(examining, "fit_pairs", None)  # not called
+    found = examine(Stated(runs, 5))
+    assert set(found.pairs[0].effects) == {"coulomb", "cubic"}
+    alone = {f.hypotheses[0].effect for f in found.singles}
+    assert {name for f in found.pairs for name in f.effects} <= alone
+    assert found.pairs[0].score.in_sample < 1.02 * found.count
+    assert found.singles[0].loss > 1.5 * found.pairs[0].loss
 
 
 def test_a_step_that_was_not_tried_is_no_gain() -> None:

@@ -192,13 +192,19 @@ def test_the_second_effect_to_fit_alone_is_one_that_can_stand_alone() -> None:
 
 
 def joint_search(gains: dict[frozenset[str], float]) -> Any:
-    """A search in which a set of effects leaves 100 less its gain; coefficients bear its name."""
+    """A search in which a set of effects leaves 100 less its gain; coefficients bear its name.
 
-    def score(coefficients: Any, *_: Any) -> Any:
+    Means are 0 of the tolerance, then 1, 2, ...; each score tells from where it was fitted.
+    """
+
+    def score(coefficients: Any, start: Any = None) -> Any:
         left = 100.0 - gains.get(frozenset(c.name for c in coefficients), 0.0)
-        return SimpleNamespace(loss=left, mean=np.zeros(3), in_sample=left, coefficients=())
+        mean = np.arange(1.0 + len(coefficients))
+        return SimpleNamespace(
+            loss=left, mean=mean, in_sample=left, coefficients=coefficients, start=start
+        )
 
-    null = SimpleNamespace(in_sample=100.0, mean=np.zeros(1))
+    null = SimpleNamespace(in_sample=100.0, mean=np.array([7.0]))
     search: Any = SimpleNamespace(screened=score, refined=score, null=null, base=(None,))
     search.quick = lambda coefficients: score(coefficients).loss - 100.0
     search.settled = lambda score: score
@@ -215,18 +221,39 @@ def test_pairs_are_screened_though_neither_effect_is_the_best_alone() -> None:
     contact, thermal, backlash = (named(name) for name in ("contact", "thermal", "backlash"))
     gains = {frozenset(("contact",)): 50.0, frozenset(("thermal", "backlash")): 90.0}
     gains |= {frozenset(("contact", other)): 55.0 for other in ("thermal", "backlash")}
-    event = replace(named("crack"), measured_gain=70.0)  # no response to be screened
-    ranked = [(50.0, contact, np.zeros(2))]
-    ranked += [
-        (95.0, h, np.zeros(2)) for h in (thermal, backlash, event, named("thermal", "left"))
-    ]
+    gains |= {frozenset(("contact", other)): 54.0 for other in ("friction", "ripple")}
+    gains[frozenset(("friction", "ripple"))] = -1.0
+    seat = replace(named("ring"), measured_gain=70.0)  # no linear score can rank it
+    others = thermal, backlash, seat, named("thermal", "left"), named("friction"), named("ripple")
+    ranked = [(50.0, contact, np.zeros(2)), *((95.0, h, np.zeros(2)) for h in others)]
     search = joint_search(gains)
     joint = rank_jointly(search, ranked)
     assert [{a.effect, b.effect} for _, (a, b), _ in joint[:2]] == 2 * [{"thermal", "backlash"}]
-    assert all("crack" not in (a.effect, b.effect) for _, (a, b), _ in joint)
-    assert all(a.effect != b.effect for _, (a, b), _ in joint)
-    assert [f.loss for f in fit_jointly(search, joint, 46.0)] == [10.0, 45.0, 45.0]
+    assert all(
+        a.effect != b.effect and "ring" not in (a.effect, b.effect) for _, (a, b), _ in joint
+    )
+    assert [f.loss for f in fit_jointly(search, joint, 101.0)] == [10.0, 45.0, 45.0]
     (best,) = fit_jointly(search, joint, 40.0)  # the others leave more
-    singles = with_each_alone(search, [best], [fitted(50.0, contact)])
-    assert [f.effects for f in singles] == [("contact",), ("thermal",), ("backlash",)]
-    assert len(with_each_alone(search, [best], singles)) == 3
+    np.testing.assert_array_equal(best.score.start, [0.0, 1.0, 2.0])  # type: ignore[attr-defined]
+    worse = [r for r in joint if {h.effect for h in r[1]} == {"friction", "ripple"}]
+    assert worse
+    assert not fit_jointly(search, worse, 200.0)  # leaves more than no effect does
+
+
+def test_each_effect_of_a_pair_is_fitted_alone_once() -> None:
+    """From its own value in the pair; fits of the same tooth by two ways of assembly both stay."""
+    thermal, backlash, tooth = (named(name) for name in ("thermal", "backlash", "crack"))
+    search = joint_search({frozenset(("thermal",)): 30.0})
+    pair = FittedExplanation(
+        (backlash, thermal), search.refined((*backlash.coefficients, *thermal.coefficients))
+    )
+    twins = [fitted(50.0, tooth), fitted(90.0, tooth)]
+    singles = with_each_alone(search, [pair, pair], twins)
+    assert [(f.effects[0], f.loss) for f in singles] == [
+        ("crack", 50.0),
+        ("thermal", 70.0),
+        ("crack", 90.0),
+        ("backlash", 100.0),
+    ]
+    starts = [f.score.start for f in singles if f not in twins]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(starts, [[7.0, 2.0], [7.0, 1.0]])

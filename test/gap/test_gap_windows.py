@@ -411,22 +411,37 @@ def test_states_in_a_local_minimum_are_fitted_with_loose_ties_first(
     assert loose.jump_sd == JUMP_SD
 
 
+@pytest.mark.parametrize(("factor", "tried"), [(1.0, 1), (-5.0, 3)])
 def test_where_much_is_missed_the_run_is_filtered_with_more_noise(
-    one: tuple[Trajectory, WindowSolution], monkeypatch: pytest.MonkeyPatch
+    one: tuple[Trajectory, WindowSolution],
+    factor: float,
+    tried: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Here the first filter is led astray; where it is not, its fit is taken."""
+    """Starts of the first filter are multiplied; where they are right, their fit is taken."""
     trajectory, shot = one
     lead = trajectory._with_lead
     forcing = [w.forcing(LawChange(), np.ones(9), ()) for w in (trajectory, lead)]
-    windows_of = trajectory.recorded, forcing[0], lead.recorded, forcing[1]
     filtered, passes = window_starts.filtered_starts, []
 
     def astray(s: Windows, drive: Forcing, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         passes.append(s.jump_sd)
         starts, cost = filtered(s, drive, first)
-        return starts * (-5.0 if s.jump_sd == JUMP_SD else 1.0), cost
+        return starts * (factor if s.jump_sd == JUMP_SD else 1.0), cost
 
-    assert filter_and_fit(*windows_of).cost == pytest.approx(shot.cost, rel=0.02)
     monkeypatch.setattr(window_starts, "filtered_starts", astray)
-    assert filter_and_fit(*windows_of).cost < 1.2 * shot.cost
-    assert passes == [JUMP_SD, *window_starts.FILTER_JUMP_SD]
+    fit = filter_and_fit(trajectory.recorded, forcing[0], lead.recorded, forcing[1])
+    assert fit.cost < 1.2 * shot.cost
+    assert passes == [JUMP_SD, *window_starts.FILTER_JUMP_SD][:tried]
+
+
+def test_a_run_whose_fits_all_diverge_keeps_the_first(
+    one: tuple[Trajectory, WindowSolution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trajectory, shot = one
+    lead = trajectory._with_lead
+    forcing = [w.forcing(LawChange(), np.ones(9), ()) for w in (trajectory, lead)]
+    lost = replace(shot, residuals=np.full_like(shot.residuals, np.nan))
+    monkeypatch.setattr(window_starts, "fitted_windows", lambda *windows, **trends: lost)
+    fit = filter_and_fit(trajectory.recorded, forcing[0], lead.recorded, forcing[1])
+    assert fit is lost
