@@ -19,7 +19,7 @@ class HerringboneError(Exception):
 
 
 class ParameterError(HerringboneError, ValueError):
-    """Invalid value, or invalid combination, of parameters of a gear or of an integrator."""
+    """Invalid value, or invalid combination, of parameters, options or names."""
 
 
 class RecordingError(HerringboneError, OSError):

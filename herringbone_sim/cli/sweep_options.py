@@ -80,13 +80,15 @@ def swept_gear(gear: GearOptions) -> tuple[Parameters, str]:
 
 
 def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:
-    """Build the observation at each value of a sweep; print a line if it can detect no period.
+    """Build the observation at each value of a sweep; print a line if it is too short for periods.
 
     Args:
         mesh: mesh whose section displacements are stored.
-        forcing: period of the effects in mesh cycles; the observation spans several of it.
+        forcing: period of the effects in mesh cycles. Ten or more of them are observed if
+            ``--cycles`` says so or, without it, if it is at most ``LONGEST``.
     """
-    points = max(SEEN.points, REPEATS * forcing if forcing <= LONGEST else 0)
+    long = forcing <= LONGEST or options.cycles is not None
+    points = max(SEEN.points, REPEATS * forcing if long else 0)
     cycles = points if options.cycles is None else options.cycles
     exponents = not options.no_exponents
     result = Observation(options.transient, cycles, min(cycles, points), exponents)

@@ -61,7 +61,7 @@ def on_compiling(call: Callable[[], None]) -> Iterator[None]:
 
 
 def compiled_from(package: Path) -> list[Path]:
-    """Return the folders of a package with compiled functions, or with constants in these."""
+    """Return the ``ROOMS`` of a package: folders of functions compiled into others, or constants."""
     return [package / room for room in ROOMS if (package / room).is_dir()]
 
 

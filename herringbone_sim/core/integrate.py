@@ -286,7 +286,10 @@ def stepper(model: Model) -> Stepper:
 
 
 def carrier_row(model: Model) -> Array:
-    """Return the row (n_coordinate,) whose product with the coordinates is u_c of the carrier."""
+    """Return the row (n_coordinate,) whose product with the displacements of y is u_c [b_c].
+
+    u_c is that of the carrier without rigid rotation, see ``body_displacements``.
+    """
     m = model.layout.n_coordinate
     unit = np.eye(2 * m)[:m]
     return np.array([body_displacements(model, row)[2] for row in unit])

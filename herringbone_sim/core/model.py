@@ -240,9 +240,10 @@ def _deflect(coordinates: Array) -> Array:
 
 
 def state(model: Model, x: Array, v: Array, phase: float) -> Array:
-    """Return the state y (n_state,) with dimensionless x and v (n_mesh,); inverse of ``relative``.
+    """Return the state y from dimensionless x and v (n_mesh,) at a mesh phase [rad].
 
-    The sun meshes of planets 2.. follow from geometry; their entries in x and v are not read.
+    Inverse of ``relative``, without states that effects add. Sun meshes of planets 2.. follow from
+    geometry; their entries in x and v are not read.
     """
     e, rate = errors_at(model, phase)
     return np.concatenate([_coordinates(x + e), _coordinates(v + rate)])

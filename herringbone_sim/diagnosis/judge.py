@@ -214,7 +214,10 @@ def _frozen() -> Mapping[str, Any]:
 
 
 def frozen_weights(by_density: bool) -> Array:
-    """Weights (len(NAMES),) in ``calibration.json`` for a kind of loss, else for the other."""
+    """Weights (len(NAMES),) in ``calibration.json`` for a loss, or the other's if it has none.
+
+    ``by_density``: the loss is by ``Score.log_density``, not by chi2.
+    """
     by_loss = _frozen()["weights"]
     weights = by_loss.get(LOSSES[by_density]) or by_loss[LOSSES[not by_density]]
     return np.array([weights[name] for name in NAMES])

@@ -116,7 +116,7 @@ class LeftOut:
         fall: (runs,) chi2 of each run at theta = 0 minus that when predicted from the others.
         log_density: (runs,) log predictive density minus that of theta = 0.
         whole: solution from all runs.
-        means: (runs, p) solutions, each without one run.
+        means: (runs, p) solutions, each without one run; of a single run, ``whole``.
     """
 
     fall: Array

@@ -90,8 +90,10 @@ def compute_score(
 ) -> Score:
     """Score a linearised campaign, at the prior scale with the best predictive density.
 
-    A run with columns so large that rounding errors decide its chi2 at the centre of the prior
-    (``ROUNDED``) counts with its chi2 at the point of linearisation.
+    The scale multiplies the priors of ``coefficients`` with ``scales_with_effect``; those of
+    departures then follow the fitted size of their effect. A run with columns so large that
+    rounding errors decide its chi2 at the centre of the prior (``ROUNDED``) counts with its chi2
+    at the point of linearisation.
 
     Args:
         campaign: products formed about ``mean``.

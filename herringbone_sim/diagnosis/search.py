@@ -231,7 +231,10 @@ class Search:
 
     @property
     def worth(self) -> float:
-        """Smallest relevant decrease of chi2; that of chance alone where states are estimated."""
+        """Smallest relevant decrease of chi2: ``MIN_GAIN_PER_VALUE`` times the values compared.
+
+        ``CHANCE_CHI2`` if the machine estimates states, see ``Machine.estimates_states``.
+        """
         if self.machine.estimates_states:
             return CHANCE_CHI2
         return MIN_GAIN_PER_VALUE * self.null.count

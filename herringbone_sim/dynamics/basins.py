@@ -145,12 +145,16 @@ def random_starts(model: Model, n: int, rng: np.random.Generator, reach: float =
 
 
 def slice_starts(model: Model, n: int, reach: float = 1.0) -> tuple[Array, Array]:
-    """Initial states at rest on a plane: mean displacement of left and right, and difference.
+    """Return states at phase 0, mesh rates 0, on a plane: mean of left and right, difference.
+
+    Args:
+        reach: both coordinates lie in -reach .. reach, in b_c.
 
     Returns:
-        axis: (n,) values of either coordinate, in b_c.
-        states: (n * n, n_state) row by row, the difference rising from row to row; on sun and ring
-            meshes ``x_L = mean + difference / 2`` and ``x_R = mean - difference / 2``.
+        axis: (n,) values of either coordinate, in b_c: centres of n equal cells.
+        states: (n * n, n_state), without those that effects add, row by row, the difference rising
+            from row to row; on sun and ring meshes ``x_L = mean + difference / 2`` and
+            ``x_R = mean - difference / 2``.
     """
     axis = np.array([(i + 0.5) * 2.0 * reach / n - reach for i in range(n)])
     c, m = model.layout.n_classes, model.layout.n_mesh

@@ -111,9 +111,10 @@ class LawStepper(Stepper):
         return y, tangents
 
     def _call(self, kernel: Any, *args: Any) -> Any:
-        """Call a compiled function with the gear and ``args``; argument types are found once.
+        """Call a compiled function with the gear and ``args``; return what it returns.
 
-        Numba needs half a millisecond to find the type of a gear, more than a mesh cycle takes.
+        Argument types are found at its first call and not checked later: they must not change.
+        Numba needs half a millisecond for the type of a gear, more than to integrate a mesh cycle.
         """
         if kernel not in self._entries:
             self._entries[kernel] = kernel

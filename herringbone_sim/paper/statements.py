@@ -30,7 +30,10 @@ class WindowIs:
 
 @dataclass(frozen=True)
 class BoundaryAt:
-    """The motion changes from ``before`` to ``after`` between two printed values, often equal."""
+    """The motion ``before`` (period, 0 = chaos) becomes ``after`` between ``low`` and ``high``.
+
+    These are the printed ends of neighbouring windows, often equal.
+    """
 
     scenario: str
     text: str
@@ -61,7 +64,7 @@ class ExponentSign:
 
 @dataclass(frozen=True)
 class ChaosEnds:
-    """There is no chaos from ``low`` to ``high`` of the swept parameter."""
+    """Chaos ends at ``low``: there is none from there to ``high`` of the swept parameter."""
 
     scenario: str
     text: str

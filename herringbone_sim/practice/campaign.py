@@ -40,7 +40,7 @@ def make_campaign(plan: Plan) -> PracticeCampaign:
     Takes up to some ten seconds.
 
     Raises:
-        DivergenceError: the state leaves the range of any gear at every size.
+        DivergenceError: the motion diverges at every size tried, or at the size chosen.
     """
     return run_plan(plan, solve_plan(plan))
 
@@ -60,7 +60,7 @@ def run_plan(plan: Plan, solved: Solved) -> PracticeCampaign:
     detectabilities of ``solved``.
 
     Raises:
-        DivergenceError: the state leaves the range of any gear.
+        DivergenceError: the motion of a run diverges.
     """
     rig = NOMINAL.scaled(plan.factors)
     causes = tuple(cause for cause, _ in solved)

@@ -177,7 +177,10 @@ def _damping(rng: Generator) -> Curve:
 
 
 def damping(curve: Curve) -> Array:
-    """Return the factor (n,) on a damper at ``tables.deflections()``."""
+    """Return the factor (n,) on the share ``c_share`` of a damper, at ``tables.deflections()``.
+
+    ``curve``: from ``_damping``; its ``out`` is the factor out of contact.
+    """
     knots = float(curve["out"]) + np.concatenate([[0.0], np.cumsum(curve["steps"])])
     values: Array = np.interp(GRID, np.linspace(0.0, 1.0, len(knots)), knots)
     width = len(GRID) // 12

@@ -154,7 +154,7 @@ def draw_plan(
 
 
 def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
-    """Raise ParameterError for an unknown name."""
+    """Raise ParameterError for a name that ``draw_plan`` does not list; a truth may be None."""
     for what, value, known in (
         ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
         ("channels", channels, tuple(CHANNEL_SETS)),

@@ -116,7 +116,7 @@ def distort(c: Cause, now: Motion, before: Motion | None, exact: Mapping[str, Ar
 
 
 def _neighbour(name: str, among: Mapping[str, Array]) -> str:
-    """Return the next channel of the same quantity, as the source of crosstalk."""
+    """Return the name of the next channel, cyclically, with the same first letter as ``name``."""
     alike = [other for other in among if other[0] == name[0]]
     return alike[(alike.index(name) + 1) % len(alike)]
 

@@ -25,7 +25,7 @@ def solve_plan(plan: Plan) -> Solved:
     """Return the causes with sizes for the plan's detectability, and the detectability of each.
 
     Raises:
-        DivergenceError: the state leaves the range of any gear at every size of a cause.
+        DivergenceError: the motion diverges at every size tried of a cause.
     """
     rig = NOMINAL.scaled(plan.factors)
     return tuple(solve_size(plan, rig, cause) for cause in plan.causes)
@@ -39,7 +39,7 @@ def solve_size(plan: Plan, rig: Constants, cause: Cause) -> tuple[Cause, float]:
     that correction is extrapolated.
 
     Raises:
-        DivergenceError: the state leaves the range of any gear at every size tried.
+        DivergenceError: the motion diverges at every size tried.
     """
     kind = KINDS[cause.internal]
     tries = _sought(plan, rig, cause)

@@ -239,7 +239,7 @@ def _recover_in_place(
 
 
 def _next(last: Path) -> list[Path]:
-    """Return where a file after NAME_2.mcap is begun, NAME_3.mcap.part; empty without a number."""
+    """Return ``[NAME_3.mcap.part]``, begun after ``NAME_2.mcap``; [] for an unnumbered file."""
     numbered = NUMBERED.fullmatch(last.name)
     if not numbered:
         return []

@@ -281,7 +281,7 @@ class SimulatorNode(GuardedNode):
         return f"{said}; recording goes on in {path}"
 
     def _record_start(self) -> str:
-        """Service ``record/start``."""
+        """Start a recording for service ``record/start``; return the text of its response."""
         name = self._next_name()
         path = self.loop.call(lambda model, state: self._start_recording(model, state, name))
         return f"recording to {path}"
@@ -308,7 +308,7 @@ class SimulatorNode(GuardedNode):
         return run_name(str(self._get("record_name")), bool(self.recorder.path))
 
     def _record_stop(self) -> str:
-        """Service ``record/stop``."""
+        """End the recording for service ``record/stop``; return the text of its response."""
         outcome = self.recorder.stop()
         if outcome.lost:
             raise RecordingError(str(outcome))

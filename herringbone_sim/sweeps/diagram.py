@@ -44,12 +44,12 @@ class Branch:
 
 @dataclass(frozen=True)
 class Diagram:
-    """Branches over the same values.
+    """Bifurcation diagram: branches over the same values of a parameter.
 
     Attributes:
         axis: the parameter.
         mesh: the mesh whose displacements are the points.
-        branches: in the order in which they were given.
+        branches: in the order given; ``hysteresis`` compares all with the first that is no ramp.
     """
 
     axis: Axis

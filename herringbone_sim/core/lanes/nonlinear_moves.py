@@ -109,7 +109,10 @@ def find_nonlinear_moves(w):
 
 @inlined
 def may_switch(w, a):
-    """Return the lanes, as bits, in which mesh a may pass a border of its contact or law."""
+    """Return, as bits, the lanes in which column a may switch contact or DEEP in the interval.
+
+    ``a``: a mesh or a seat. Reads END and END_SLOPE, set by ``ends``.
+    """
     contact, b = load(w.mesh_state, CONTACT, a), load(w.constants, BORDER, a)
     start, first = load(w.x, 0, a), load(w.x, 1, a)
     stop, slope = load(w.mesh_state, END, a), load(w.mesh_state, END_SLOPE, a)

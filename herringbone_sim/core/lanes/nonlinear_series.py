@@ -50,7 +50,10 @@ TAIL = 1e-10  # largest size of the last two terms of a series, b_c or b_c omega
 
 @inlined
 def deflect(unrolled, w, i, forced, coupled):
-    """Compute order i of the deflections and of their rates from that of the motion."""
+    """Set order i of ``w.x`` and ``w.nonlinear.rate`` from ``w.q``, ``w.v`` and, if forced, e.
+
+    Deflections contain the displacements by added coordinates; seats' are set, too.
+    """
     sides, c = len(unrolled[0]), len(unrolled[1])
     half = sides * c
     rate = float(i + 1) / load(w.progress, LEFT, 0)

@@ -226,9 +226,9 @@ def _temperatures(gear: Gear) -> tuple[Array, Array]:
 
 
 def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
-    """Yield one variant: the half-backlash changes per kelvin [m/K].
+    """Yield one variant: b' of both flanks grows by a rate [m/K] times delta_T.
 
-    Departures: curvature over delta_T, a further change of the back flank and of ring meshes.
+    Departures: curvature over delta_T; a further change of the back flank; one of ring meshes.
     """
     T, bend = _temperatures(gear)
     ring = is_ring(gear.model.layout)

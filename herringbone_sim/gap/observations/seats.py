@@ -210,7 +210,10 @@ class PartDrive:
         return np.stack([motions(loads, springs, cos_beta) for loads in self._meshes], axis=2)
 
     def _spring(self, seat: Seat) -> SeatSpring:
-        """Mass of the part, and properties of a seat in SI units."""
+        """Convert a seat to SI units; add the masses of the part and of the body that carries it.
+
+        Growth and drag are relative to the deflection ``seat.load`` / stiffness, see ``Seat``.
+        """
         theta = dict(zip(seat.names, seat.theta, strict=True))
         stiffness, clearance = theta["stiffness"], theta.get("clearance", 0.0)
         s = self._model.scales
@@ -230,7 +233,7 @@ class PartDrive:
 
 
 def _mesh_loads(m: MeshMotion, change: LawChange, at: NDArray[np.int64], rest: Array) -> MeshLoads:
-    """Loads by meshes ``at`` under a change of the law; ``rest``: as in ``MeshLoads``."""
+    """Return motion and changed law of meshes with indices ``at``; ``rest``: see ``MeshLoads``."""
     own, ch = select_meshes(m, change, at)
 
     def wide(value: Array | float) -> Array:

@@ -188,5 +188,5 @@ MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
-    """Places at which force sensors may have a common error."""
+    """Return every locus, from all meshes to a single one, at which sensors may share an error."""
     return known_effects()["sensor_gain"].candidates(layout)

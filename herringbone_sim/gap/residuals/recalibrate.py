@@ -32,10 +32,10 @@ class ForceLaw:
     """Force law evaluated on the motion of a run, with residual and noise; arrays (n, n_mesh).
 
     Attributes:
-        modelled_n: mesh forces k(t) f(x) + c v [N].
-        residual_n: measured minus modelled [N].
+        modelled_n: mesh forces k(t) f(x) + c v [N], with the fitted factors on k and c.
+        residual_n: measured minus modelled [N]; NaN where the force was not recorded.
         sigma_n: standard deviation of the residual by the noise of F, x and v [N].
-        x_m, v_m_per_s: displacement and rate with the factors on e(t) applied.
+        x_m, v_m_per_s: displacement and rate with the factors on e(t) applied; NaN where unknown.
         f_m: backlash function f(x), expectation over the noise of x [m].
         contact: probability of contact.
     """
@@ -56,7 +56,7 @@ class ForceLaw:
 
     @property
     def flank(self) -> Indices:
-        """Contact state (n, n_mesh): 0 on the back flank, 1 apart, 2 on the driving flank."""
+        """Contact state (n, n_mesh): 0 back flank, 1 apart (contact <= 0.5), 2 driving flank."""
         return np.asarray(np.where(self.contact > 0.5, np.where(self.x_m > 0.0, 2, 0), 1))
 
 

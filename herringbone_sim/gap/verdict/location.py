@@ -52,7 +52,11 @@ def residual_by_mesh(
 
 
 def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | None:
-    """Sum over effects of the probability at each mesh (n_mesh,); None if none is named."""
+    """Sum the probabilities of effects, each divided equally among its meshes, to (n_mesh,).
+
+    Its meshes are those of its place in ``Verdict.best``, perhaps none. None if
+    ``Verdict.effects`` is empty.
+    """
     if not verdict.effects:
         return None
     layout = campaign.nominal.layout
@@ -68,9 +72,10 @@ def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> di
     """Distribution of the residual of the calibrated force law in the fit runs, for the report.
 
     Returns:
-        Empty without a force law. Else ``shares``: of each factor the rows of ``_share``;
-        ``teeth``: for each member the meshes at which the residual repeats every turn of it;
-        ``shaft_orders``: orders of the input shaft with which it repeats, as text.
+        Empty without a force law. Else ``shares``: by what is varied (``Location.shares``), the
+        rows of ``_share``; ``teeth``: by member, the meshes where the residual repeats with its
+        revolution against the carrier; ``shaft_orders``: orders of the input shaft with which it
+        repeats, as text.
     """
     if calibrated.per_mesh is None:
         return {}

@@ -31,11 +31,11 @@ UNITS = {"contact": "share of time", "load_sharing": "-", "spectrum": "dB", "sec
 
 @dataclass(frozen=True)
 class SampledMotion:
-    """A motion at the samples of a recording, as its sensors would record it.
+    """Motion at the samples of a recording: as measured, or simulated with the sensors' errors.
 
     Attributes:
-        z, z_rate: (n, n_coordinate) [m], [m/s].
-        force_n: (n, n_mesh) [N]; NaN where there is none.
+        z, z_rate: (n, n_coordinate) coordinates (q, r) [m] and rates [m/s]; fused if measured.
+        force_n: (n, n_mesh) mesh forces [N]; NaN where the recording has none.
     """
 
     z: Array
@@ -182,9 +182,10 @@ def statistics_to_dict(stats: Statistics, meshes: Sequence[str]) -> dict[str, ob
 
 
 def _bands(x: Array, turn: float) -> Array:
-    """Return the spectral power (BANDS, n_mesh) [dB] of x (n, n_mesh), with a Hann window.
+    """Return the power (BANDS, n_mesh) [dB] of x (n, n_mesh) about mesh orders 0.5, 1, 1.5, ...
 
-    Bands are half the mesh frequency wide; ``turn``: mesh phase per sample [rad].
+    With a Hann window, not normalised: levels compare at equal n only. ``turn``: mesh phase per
+    sample [rad].
     """
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(len(x)) / len(x))
     lines = np.abs(np.fft.rfft((x - x.mean(axis=0)) * window[:, None], axis=0)) ** 2

@@ -126,11 +126,12 @@ class Gap:
     def closed(self, what: str = "augmented", role: str | None = "held_out") -> float:
         """Return the fraction of the recalibrated gear's gap above the noise that a model closes.
 
-        1: closed down to the noise. Without recalibration, it is that of the nominal gear's gap.
+        1: closed down to the noise; below 0: a larger gap; NaN: no gap above the noise. Without
+        recalibration, it is that of the nominal gear's gap.
 
         Args:
             what: the model, an attribute of ``RunGap``.
-            role: of the runs; None: all.
+            role: ``fit`` or ``held_out`` runs; None: all.
         """
         known = np.isfinite(self.rms("recalibrated", role))
         return self.closed_from("recalibrated" if known else "nominal", what, role)

@@ -85,7 +85,7 @@ def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -
 
 
 def first_date(file: FileSpec, columns: Columns) -> np.datetime64 | None:
-    """Return the earliest date in the clocks of a file; None if they are not dates."""
+    """Return the earliest first time stamp of a file's clocks; None if no clock has dates."""
     clocks = [columns.values[file.time.column]] if file.time.column else []
     clocks += columns.stamps.values() if file.time.own else []
     dates = [clock[0] for clock in clocks if clock.dtype.kind == "M" and len(clock)]

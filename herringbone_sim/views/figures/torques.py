@@ -116,7 +116,10 @@ def robustness_figure(
 
 
 def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
-    """Draw the fraction of starts that end in P1 with equal halves; dashed: in P2 with unequal."""
+    """Draw over K, for each delta_T, the percentage of starts that end in P1 with equal halves.
+
+    Bars: 95 % interval. Dashed: starts that end in P2 or P1 with unequal halves.
+    """
     temperatures = sorted({s.values["delta_T"] for s in shares})
     for colour, delta_T in zip(COLOURS, temperatures, strict=False):
         once, twice = (
@@ -132,7 +135,7 @@ def _draw_shares(axes: Axes, shares: Sequence[StartShares]) -> None:
         parted = [100.0 * s.parted / s.starts for s in twice]
         axes.plot(K, parted, color=colour, lw=1.2, ls=(0, (3, 1.5)))
     axes.set(xlabel=parameter_label("K"), ylabel="share of the starts [%]", ylim=(-3.0, 103.0))
-    axes.set_title(f"{shares[0].starts} unlike starts: end in P1 alike (broken: in P2 apart)")
+    axes.set_title(f"{shares[0].starts} unlike starts: end in P1 alike (broken: P2 or P1 apart)")
     axes.legend(fontsize=8, loc="center", frameon=True, framealpha=0.9)
 
 

@@ -72,7 +72,7 @@ class RerunStream:
         self._offset = 0.0
 
     def send(self, block: MirrorBlock) -> None:
-        """Send the burst at the end of a block, its section points and its text."""
+        """Send the ``Burst``, contact states, diagrams and text of a block, if it has rows."""
         block = with_finite_times(block)
         if not len(block.rows):
             return
