@@ -61,7 +61,7 @@ def on_compiling(call: Callable[[], None]) -> Iterator[None]:
 
 
 def compiled_from(package: Path) -> list[Path]:
-    """Return the ``ROOMS`` of a package: folders of functions compiled into others, or constants."""
+    """Return the ``ROOMS`` of a package: folders of what is compiled into other functions."""
     return [package / room for room in ROOMS if (package / room).is_dir()]
 
 
