@@ -138,9 +138,11 @@ def examine(
             joint = rank_jointly(search, ranked)
             pairs = fit_jointly(search, joint, singles[0].loss - 2.0 * worth)
         if pairs:
+            before_pairs = singles[0]
             singles = with_each_alone(search, pairs, singles)
-            first = simplest_equivalent(none, singles)
-            flexible["single"] = _predictable_remainder(search, singles[0], remainder)
+            if singles[0] is not before_pairs:
+                first = simplest_equivalent(none, singles)
+                flexible["single"] = _predictable_remainder(search, singles[0], remainder)
             flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample

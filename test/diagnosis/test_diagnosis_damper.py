@@ -323,6 +323,23 @@ def test_a_pair_that_explains_all_ends_the_search(monkeypatch: pytest.MonkeyPatc
     assert found.singles[0].loss > 1.5 * found.pairs[0].loss
 
 
+@pytest.mark.parametrize(("too_much", "limits"), [(np.inf, (6, 2)), (0.5, (10, 4))])
+def test_more_effects_are_fitted_where_the_best_linear_fit_leaves_too_much(
+    too_much: float, limits: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Too much by a threshold below or above what a friction leaves of the linear fit."""
+    asked: list[tuple[int, int]] = []
+
+    def fit_best(search: Search, ranked: object, *most: int) -> tuple[FittedExplanation, ...]:
+        asked.append((most[0], most[1]))
+        return ()
+
+    monkeypatch.setattr(examining, "fit_best", fit_best)
+    monkeypatch.setattr(examining, "NONLINEAR_CHI2", too_much)
+    examine(Stated(simulate("coulomb", SEED), 5))
+    assert asked == [limits]
+
+
 def test_a_step_that_was_not_tried_is_no_gain() -> None:
     """An effect fitted in no round stays at zero, whatever the linear model promises of it."""
     search = Search(Stated(simulate("cubic", SEED), 5))
