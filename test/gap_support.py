@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,9 +16,10 @@ from herringbone_sim.core.parameters import Parameters, ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Locus
+from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.data.prepare import prepare_run
-from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange
@@ -25,9 +27,12 @@ from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_columns import window_columns
-from herringbone_sim.gap.report import Report
+from herringbone_sim.gap.report import SCHEMA, Report
+from herringbone_sim.gap.report_file import METRICS
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.senses import SENSES
+from herringbone_sim.gap.verification.serialise import NUMBERS
 from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
@@ -45,6 +50,19 @@ POINTS = (
     {"delta_T": 37.0, "K": 0.05, "T_1": 1145.0, "Omega": 0.615},
 )
 ROLES = ("fit", "fit", "held_out")
+REPORT_KEYS = (
+    "schema",
+    "campaign",
+    "verdict",
+    "effects",
+    "where",
+    "causes",
+    "ambiguous_with",
+    "gap",
+    "attractor",
+    "undecidable",
+    "next_experiment",
+)
 
 
 def sampled(
@@ -110,7 +128,7 @@ def rig(
         prepared(series, point, role, share, f"run_{i:02d}")
         for i, (series, point, role) in enumerate(zip(shown, POINTS, ROLES, strict=True))
     )
-    return PreparedCampaign("planted", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    return PreparedCampaign("planted", NOMINAL, runs, ())
 
 
 def with_few_runs(campaign: PreparedCampaign) -> PreparedCampaign:
@@ -172,3 +190,57 @@ def column_of(trajectory: Trajectory, gear: Gear, shot: WindowSolution, name: st
     solution, now, m = trajectory.last_linearisation
     made = window_columns(trajectory.windows, solution, m, now, gear.law_functions, (name,))
     return made[:, 0]
+
+
+def check_report(data: Mapping[str, Any]) -> list[str]:
+    """Texts of the rules of the schema that a report violates; empty if it is valid."""
+    missing = [f"{key} is missing" for key in REPORT_KEYS if key not in data]
+    if missing:
+        return missing
+    ids = {*known_effects(), "none", "unknown"}
+    causes = data["causes"]
+    chances = [cause["probability"] for cause in causes]
+    rules = {
+        f"schema must be {SCHEMA}": data["schema"] == SCHEMA,
+        "verdict must be an effect, none, unknown or ambiguous": data["verdict"]
+        in {*ids, "ambiguous"},
+        "effects are at most two of the catalogue": len(data["effects"]) <= 2
+        and set(data["effects"]) <= ids - {"none", "unknown"},
+        "none has no effects": data["verdict"] != "none" or not data["effects"],
+        "causes must hold every effect, none and unknown once": sorted(ids)
+        == sorted(cause["effect"] for cause in causes),
+        "probabilities must fall and sum to 1": chances == sorted(chances, reverse=True)
+        and math.isclose(sum(chances), 1.0, abs_tol=1e-6),
+        "ambiguous names two to four": len(data["ambiguous_with"])
+        in ((2, 3, 4) if data["verdict"] == "ambiguous" else (0,)),
+        "the verdict follows the probabilities": data["verdict"]
+        in (causes[0]["effect"], "ambiguous"),
+        f"metric must be one of {METRICS}": data["gap"]["metric"] in METRICS,
+        "a gap has nominal, augmented, noise_floor, closure, runs": {
+            "nominal",
+            "augmented",
+            "noise_floor",
+            "closure",
+            "runs",
+        }
+        <= set(data["gap"]),
+    }
+    return [rule for rule, holds in rules.items() if not holds] + senses_errors(data["gap"])
+
+
+def senses_errors(gap: Mapping[str, Any]) -> list[str]:
+    """Return violations of the report's format in ``senses`` of a gap; empty if there are none."""
+    senses = gap.get("senses")
+    if senses is None:
+        return []
+    errors = [f"senses lacks {name}" for name in SENSES if name not in senses]
+    runs = [run["path"] for run in gap["runs"]]
+    for name, sense in senses.items():
+        missing = {*NUMBERS, "metric", "unit", "runner_up", "runs"} - set(sense)
+        if missing:
+            errors.append(f"{name} lacks {', '.join(sorted(missing))}")
+        elif [run["path"] for run in sense["runs"]] != runs:
+            errors.append(f"{name} must have the same runs as the gap")
+    if "residual" in senses and any(senses["residual"].get(k) != gap[k] for k in NUMBERS):
+        errors.append("the residual among the senses must be the gap itself")
+    return errors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,7 +68,6 @@ class CampaignProducts:
 
     Attributes:
         chi2: (runs,) chi2 at the point of linearisation, nuisances marginalised.
-        count: (runs,) number of independent values.
         base_A, base_b: (runs, p, p), (runs, p) normal equations of the base.
     """
 
@@ -86,7 +85,6 @@ class CampaignProducts:
         self.chi2 = np.array(
             [sum(float(p.chi2_without_nuisance.sum()) for p in r.values()) for r in runs]
         )
-        self.count = np.array([sum(float(p.count.sum()) for p in r.values()) for r in runs])
         self._prepare_base()
 
     @property
@@ -94,6 +92,11 @@ class CampaignProducts:
         """Whether all products are finite; they are not where the motion of a run diverges."""
         products = (self.chi2, *self._G.values(), *self._c.values())
         return all(bool(np.isfinite(values).all()) for values in products)
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """Number of independent values in the recorded rows of all runs, by observation."""
+        return {o: sum(r[o].values for r in self.runs) for o in self.observations}
 
     def _prepare_base(self) -> None:
         """Store the products of the base with itself, with all functions and with nuisances."""
@@ -109,85 +112,41 @@ class CampaignProducts:
                     products[:, i, row] += w[:, None] * G[:, row, f]
                     nuisances[:, i] += w[:, None] * self._x[o][:, :, row, f]
             self._base_G[o], self._base_x[o] = products, nuisances
-            self._accumulate_base(o, self.base, products, nuisances, self.base_A, self.base_b)
+            for i, coefficient in enumerate(self.base):
+                for row, f, w in self._entries(coefficient, o):
+                    self.base_A[:, :, i] += products[:, :, row, f] * w[:, None]
+                    self.base_b[:, i] += c[:, row, f] * w
+                    by_nuisances = np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o])
+                    self.base_b[:, i] -= by_nuisances * w
             self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
-
-    def _accumulate_base(
-        self,
-        o: str,
-        coefficients: Sequence[Coefficient],
-        products: Array,
-        nuisances: Array,
-        A: Array,
-        b: Array,
-    ) -> None:
-        """Add one observation's products of the base to A (runs, p, p) and b (runs, p).
-
-        Args:
-            o: the observation.
-            coefficients: the base.
-            products: (runs, p, R, Q) of the base with all functions.
-            nuisances: (runs, p, T) of the base with the shared nuisances.
-        """
-        for i, coefficient in enumerate(coefficients):
-            for row, f, w in self._entries(coefficient, o):
-                A[:, :, i] += products[:, :, row, f] * w[:, None]
-                b[:, i] += self._c[o][:, row, f] * w
-                b[:, i] -= np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o]) * w
 
     def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
         """Normal equations A (runs, p, p), b (runs, p) of the base, then these coefficients."""
-        n, p, runs = len(self.base), len(self.base) + len(coefficients), len(self.runs)
-        A, b = np.zeros((runs, p, p)), np.zeros((runs, p))
+        n, q, runs = len(self.base), len(coefficients), len(self.runs)
+        A, b = np.zeros((runs, n + q, n + q)), np.zeros((runs, n + q))
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
         for o in self.observations:
-            used: dict[int, dict[int, int]] = {}
-            for coefficient in coefficients:
-                for row, f, _ in self._entries(coefficient, o):
-                    at = used.setdefault(row, {})
-                    at.setdefault(f, len(at))
-            if used:
-                self._accumulate(o, coefficients, used, A, b)
+            entries = [(i, e) for i, c in enumerate(coefficients) for e in self._entries(c, o)]
+            if not entries:
+                continue
+            X = np.zeros((runs, q, self._x[o].shape[1]))
+            for row in dict.fromkeys(row for _, (row, _, _) in entries):
+                of_row = [(i, f, w) for i, (at_row, f, w) in entries if at_row == row]
+                at = {f: k for k, f in enumerate(dict.fromkeys(f for _, f, _ in of_row))}
+                index = np.array(list(at))
+                W = np.zeros((runs, q, len(index)))
+                for i, f, w in of_row:
+                    W[:, i, at[f]] += w
+                T = W.transpose(0, 2, 1)
+                A[:, n:, n:] += W @ self._G[o][:, row][:, index[:, None], index] @ T
+                A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
+                b[:, n:] += (W @ self._c[o][:, row, index][:, :, None])[:, :, 0]
+                X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
+            A[:, n:, n:] -= X @ X.transpose(0, 2, 1)
+            A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
+            b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
         return A, b
-
-    def _accumulate(
-        self,
-        o: str,
-        coefficients: Sequence[Coefficient],
-        used: Mapping[int, Mapping[int, int]],
-        A: Array,
-        b: Array,
-    ) -> None:
-        """Add one observation's products of coefficients to A (runs, p, p) and b (runs, p).
-
-        In place, with the shared nuisances marginalised. In A only the columns of these
-        coefficients are filled; the base's own block and the transposed block are left as they
-        are, see ``normal_equations``.
-
-        Args:
-            o: the observation.
-            coefficients: those beyond the base, whose entries in A and b come last.
-            used: for each row of the observation that they act on, the functions there: index in
-                the products to position 0, 1, ... in order of insertion.
-        """
-        n, runs, q = len(self.base), len(self.runs), len(coefficients)
-        X = np.zeros((runs, q, self._x[o].shape[1]))
-        for row, places in used.items():
-            index = np.array(list(places))
-            W = np.zeros((runs, q, len(index)))
-            for i, coefficient in enumerate(coefficients):
-                for at_row, f, w in self._entries(coefficient, o):
-                    if at_row == row:
-                        W[:, i, places[f]] += w
-            T = W.transpose(0, 2, 1)
-            A[:, n:, n:] += W @ self._G[o][:, row][:, index[:, None], index[None, :]] @ T
-            A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
-            b[:, n:] += (W @ self._c[o][:, row, index][:, :, None])[:, :, 0]
-            X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
-        A[:, n:, n:] -= X @ X.transpose(0, 2, 1)
-        A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
-        b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
 
     def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
         """Triples of row, index of the function and weights (runs,) in observation ``o``."""

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.fits import (
@@ -96,10 +95,7 @@ def examine(
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
     search, ranked = rank(search, catalogue, None)
-    counts = {
-        o: float(sum(r[o].count[_recorded_rows(r[o].chi2)].sum() for r in search.campaign.runs))
-        for o in search.campaign.observations
-    }
+    counts = search.campaign.counts
     count = sum(counts.values())
     say("fits")
     lowest = min((loss for loss, *_ in ranked), default=none.loss)
@@ -289,12 +285,6 @@ def _with_noise(
     none = FittedExplanation((), search.settled(search.null))
     again = [replace(f, score=search.settled(f.score)) for f in singles]
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
-
-
-def _recorded_rows(chi2: Array) -> NDArray[np.bool_]:
-    """Mask (R,) of rows that a run has recorded: their chi2 is not exactly zero."""
-    recorded: NDArray[np.bool_] = chi2 != 0.0
-    return recorded
 
 
 def _predicted_chi2(remainder: Mapping[str, Predictable]) -> float:

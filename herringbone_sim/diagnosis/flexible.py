@@ -9,12 +9,12 @@ shapes instead. Noise can't be predicted; anything that repeats can, whatever it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.arrays import Array, Flags, Indices
 
 # Chosen, not fitted:
 N_FEATURES = 200
@@ -76,39 +76,34 @@ class Predictable:
         return Predictable(self.chi2 / noise**2, self.left / noise**2, self.count, self.weight)
 
 
-@dataclass(frozen=True)
-class _Features:
-    """Random Fourier features: cosines of weighted sums of values and angles, times a factor."""
+def _random_features(D: int, A: int, M: int) -> Callable[[Array, Array, Array], Array]:
+    """Draw random Fourier features: cosines of weighted sums of values and angles, times a factor.
 
-    of_values: Array
-    of_angles: Array
-    phase: Array
-    factor: Indices
+    Args:
+        D, A, M: number of values, of angles and of factors; together the random seed.
 
-    @classmethod
-    def drawn(cls, D: int, A: int, M: int) -> _Features:
-        """Draw features for D values, A angles and M factors; (D, A, M) is the random seed."""
-        rng = np.random.default_rng([D, A, M])
-        of_values, of_angles = np.zeros((D, N_FEATURES)), np.zeros((A, N_FEATURES))
-        for f in range(N_FEATURES):
-            some = rng.choice(
-                D + A, min(D + A, int(rng.integers(1, MAX_INPUTS + 1))), replace=False
-            )
-            for i in some:
-                if i < D:
-                    of_values[i, f] = rng.normal() * 2.0 ** rng.uniform(-2.0, 1.0)
-                else:
-                    sign = rng.choice([-1.0, 1.0])
-                    of_angles[i - D, f] = sign * rng.integers(1, MAX_HARMONIC + 1)
-        phase = rng.uniform(0.0, 2.0 * np.pi, N_FEATURES)
-        return cls(of_values, of_angles, phase, np.arange(N_FEATURES) % M)
+    Returns:
+        Function of (n, D) values, (n, A) angles [rad] and (n, M) factors of a row, which gives
+        the (n, N_FEATURES) features.
+    """
+    rng = np.random.default_rng([D, A, M])
+    weights = np.zeros((D + A, N_FEATURES))
+    for f in range(N_FEATURES):
+        some = rng.choice(D + A, min(D + A, int(rng.integers(1, MAX_INPUTS + 1))), replace=False)
+        for i in some:
+            if i < D:
+                weights[i, f] = rng.normal() * 2.0 ** rng.uniform(-2.0, 1.0)
+            else:
+                sign = rng.choice([-1.0, 1.0])
+                weights[i, f] = sign * rng.integers(1, MAX_HARMONIC + 1)
+    phase = rng.uniform(0.0, 2.0 * np.pi, N_FEATURES)
 
-    def evaluated(self, values: Array, angles: Array, factors: Array) -> Array:
-        """(n, N_FEATURES) features at (n, D) values, (n, A) angles and (n, M) factors of a row."""
+    def features(values: Array, angles: Array, factors: Array) -> Array:
         inputs = np.concatenate([values, angles % (2.0 * np.pi)], axis=1).astype(np.float32)
-        weights = np.concatenate([self.of_values, self.of_angles]).astype(np.float32)
-        made = np.cos(inputs @ weights + self.phase.astype(np.float32))
-        return np.asarray(made * factors[:, self.factor])
+        made = np.cos(inputs @ weights.astype(np.float32) + phase.astype(np.float32))
+        return np.asarray(made * factors[:, np.arange(N_FEATURES) % M])
+
+    return features
 
 
 def predict_residuals(
@@ -127,7 +122,7 @@ def predict_residuals(
         independent_share: number of independent values over the number of samples.
     """
     first = inputs[0]
-    features = _Features.drawn(
+    features = _random_features(
         first.values.shape[2], first.angles.shape[1], first.factors.shape[2]
     )
     runs, R = len(residuals), residuals[0].shape[1]
@@ -151,7 +146,7 @@ def predict_residuals(
         else:
             values = _unit_rms(np.concatenate([s.values[:, row] for s in inputs]))
             factors = _unit_rms(np.concatenate([s.factors[:, row] for s in inputs]))
-            P = features.evaluated(values, angles, factors)
+            P = features(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
         chi2[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
@@ -175,47 +170,6 @@ def _unit_rms(values: Array) -> Array:
     return np.asarray(values / np.where(size > 0.0, size, 1.0))
 
 
-@dataclass(frozen=True)
-class _HalfPair:
-    """Two halves of the samples that predict each other.
-
-    Attributes:
-        at: indices of the samples, for each half.
-        P, A, b: features, their Gram matrix and their products with the residual, for each half.
-    """
-
-    at: tuple[Indices, ...]
-    P: tuple[Array, ...]
-    A: tuple[Array, ...]
-    b: tuple[Array, ...]
-
-    @classmethod
-    def build(cls, P: Array, y: Array, halves: Sequence[Indices]) -> _HalfPair:
-        """Split features (n, F) and residual (n,) into two halves given by their samples."""
-        parts = tuple(P[at] for at in halves)
-        A = tuple(p.T @ p for p in parts)
-        return cls(
-            tuple(halves), parts, A, tuple(p.T @ y[h] for p, h in zip(parts, halves, strict=True))
-        )
-
-    def predict(self, y: Array, max_features: int, ridge: float, off: Array) -> None:
-        """Write the error of the residual y (n,), predicted across the halves, to ``off`` (n,).
-
-        Args:
-            max_features: number of features used, those most correlated with the residual.
-            ridge: penalty of the regression.
-        """
-        for own, other in ((0, 1), (1, 0)):
-            A, b = self.A[other], self.b[other]
-            if max_features < len(b):
-                use = np.argsort(-(b**2) / np.maximum(np.diag(A), 1e-12))[:max_features]
-                A, b, P = A[np.ix_(use, use)], b[use], self.P[own][:, use]
-            else:
-                P = self.P[own]
-            w = np.linalg.solve(A + ridge * np.eye(len(b)), b)
-            off[self.at[own]] = y[self.at[own]] - P @ w
-
-
 def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
     """(n,) error of y predicted across the halves, by the best of a few regressions, or none.
 
@@ -223,19 +177,27 @@ def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
         P: (n, F) features.
         fold, run: (n,) half (0 or 1) and run of each sample.
     """
-    all_runs = _HalfPair.build(P, y, [np.flatnonzero(fold == h) for h in (0, 1)])
+
+    def halved(inside: Flags) -> list[tuple[Indices, Array, Array, Array]]:
+        """Samples, features P, P'P and P'y of each half of the samples ``inside`` (n,)."""
+        some = [(at, P[at]) for at in (np.flatnonzero(inside & (fold == h)) for h in (0, 1))]
+        return [(at, p, p.T @ p, p.T @ y[at]) for at, p in some]
+
+    all_runs = [halved(np.ones(len(y), bool))]
     # Also run by run: dependence on quantities constant within a run need not be smooth.
-    alone = [
-        _HalfPair.build(P, y, [np.flatnonzero((fold == h) & (run == r)) for h in (0, 1)])
-        for r in np.unique(run)
-    ]
-    tried = [([all_runs], P.shape[1], ridge) for ridge in RIDGES]
-    tried += [([all_runs], max_features, 1.0) for max_features in SPARSE_SIZES]
+    alone = [halved(run == r) for r in np.unique(run)]
+    # Pairs of halves, number of features used (those most correlated with y), penalty.
+    tried = [(all_runs, P.shape[1], ridge) for ridge in RIDGES]
+    tried += [(all_runs, size, 1.0) for size in SPARSE_SIZES]
     tried += [(alone, SPARSE_SIZES[0], 1.0)]
     best = y
-    for folds, max_features, ridge in tried:
+    for pairs, size, ridge in tried:
         off = y.copy()
-        for halves in folds:
-            halves.predict(y, max_features, ridge, off)
+        for pair in pairs:
+            for (at, own, _, _), (_, _, A, b) in (pair, pair[::-1]):
+                if size < len(b):
+                    use = np.argsort(-(b**2) / np.maximum(np.diag(A), 1e-12))[:size]
+                    A, b, own = A[np.ix_(use, use)], b[use], own[:, use]
+                off[at] = y[at] - own @ np.linalg.solve(A + ridge * np.eye(len(b)), b)
         best = off if float(off @ off) < float(best @ best) else best
     return best

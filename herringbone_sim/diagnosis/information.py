@@ -77,11 +77,7 @@ class Information:
         self._free = [cho_solve(self._factor, row) for row in self._with_base]
         self._raw = np.array(raw)
         self.squares, self.by_run = np.array(squares), np.array(shares)
-        self.count = sum(
-            float(p.count[p.chi2 != 0.0].sum())
-            for of_run in campaign.runs
-            for p in of_run.values()
-        )
+        self.count = sum(p.values for of_run in campaign.runs for p in of_run.values())
         ends = np.cumsum([0, *(len(h.coefficients) for h in hypotheses)])
         self._at = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self._hypothesis_gram: list[tuple[Array, Array]] = []
@@ -186,7 +182,7 @@ def cross_gram(
         for r, of_run in enumerate(campaign.runs):
             p = of_run[o]
             at = {name: i for i, name in enumerate(p.functions)}
-            left, right = (_weights(c, o, r, at, len(p.rows)) for c in (ones, others))
+            left, right = (_weights(c, o, r, at, len(p.G)) for c in (ones, others))
             shared = [np.zeros((len(c), len(p.cross))) for c in (ones, others)]
             for row, G in enumerate(p.G):
                 gram += left[row] @ (right[row] @ G).T

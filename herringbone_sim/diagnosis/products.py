@@ -23,8 +23,7 @@ class Block:
     """One observation of one run: n samples, R rows, Q functions.
 
     Attributes:
-        observation, run: names.
-        rows: names of the rows.
+        observation: name of the observation.
         residual, sigma: (n, R) measured minus expected, and the standard deviation of its noise.
         functions: names of the columns.
         columns: (n, R, Q) what a unit amplitude of each function adds to the residual.
@@ -41,8 +40,6 @@ class Block:
     """
 
     observation: str
-    run: str
-    rows: tuple[str, ...]
     residual: Array
     sigma: Array
     functions: tuple[str, ...]
@@ -61,7 +58,7 @@ class Products:
     """Products of one block with the nuisance parameters of single rows marginalised.
 
     Attributes:
-        observation, run, rows, functions: as in the block.
+        functions: as in the block.
         G: (R, Q, Q) Gram matrix X'X of the whitened columns.
         c: (R, Q) X'y with the whitened residual y.
         chi2: (R,) y'y.
@@ -71,9 +68,6 @@ class Products:
         cross_y: (T,) L^-1 N'y, summed over the rows.
     """
 
-    observation: str
-    run: str
-    rows: tuple[str, ...]
     functions: tuple[str, ...]
     G: Array
     c: Array
@@ -81,6 +75,11 @@ class Products:
     count: Array
     cross: Array
     cross_y: Array
+
+    @property
+    def values(self) -> float:
+        """Number of independent values in recorded rows; ``chi2`` of the others is exactly 0."""
+        return float(self.count[self.chi2 != 0.0].sum())
 
     @property
     def chi2_without_nuisance(self) -> Array:
@@ -105,9 +104,6 @@ def products(block: Block) -> Products:
         G[row], c[row], chi2[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
     cross, cross_y = _shared_products(block, G, c)
     return Products(
-        block.observation,
-        block.run,
-        block.rows,
         block.functions,
         G,
         c,

@@ -17,26 +17,6 @@ from herringbone_sim.arrays import Array
 
 
 @dataclass(frozen=True)
-class Normal:
-    """Normal equations of p coefficients over some runs.
-
-    Attributes:
-        A: (runs, p, p) Gram matrices of the whitened columns.
-        b: (runs, p) products of columns and whitened residual.
-        sd: (p,) prior standard deviations.
-        bound: (p,) largest magnitude; inf: unbounded.
-        reach: (p,) largest step from the solution of all runs for which the linearisation holds;
-            None: unlimited.
-    """
-
-    A: Array
-    b: Array
-    sd: Array
-    bound: Array
-    reach: Array | None = None
-
-
-@dataclass(frozen=True)
 class Solution:
     """Posterior of the coefficients.
 
@@ -58,7 +38,7 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
     1994).
 
     Args:
-        A, b: (p, p), (p,) sums over runs of the arrays of ``Normal``.
+        A, b: (p, p), (p,) normal equations, summed over runs.
         sd, bound: (p,) prior standard deviations, and largest magnitudes (inf: unbounded).
 
     Returns:
@@ -125,25 +105,31 @@ class LeftOut:
     means: Array
 
 
-def leave_one_out(n: Normal) -> LeftOut:
+def leave_one_out(
+    A: Array, b: Array, sd: Array, bound: Array, reach: Array | None = None
+) -> LeftOut:
     """Predict every run from the others; a single run is predicted from itself.
 
-    A solution without one run stays within ``n.reach`` of that from all runs.
+    Args:
+        A: (runs, p, p) Gram matrices of the whitened columns.
+        b: (runs, p) products of columns and whitened residual.
+        sd, bound: (p,) prior standard deviations, and largest magnitudes (inf: unbounded).
+        reach: (p,) largest step from the solution of all runs to one without a run, for which
+            the linearisation holds; None: unlimited.
     """
-    whole = solve(n.A.sum(0), n.b.sum(0), n.sd, n.bound)
-    runs = len(n.b)
+    whole = solve(A.sum(0), b.sum(0), sd, bound)
+    runs = len(b)
     fall, density, means = np.zeros(runs), np.zeros(runs), np.zeros((runs, len(whole.mean)))
     for r in range(runs):
         if runs == 1:
             rest = whole
         else:
             keep = np.arange(runs) != r
-            rest = solve(n.A[keep].sum(0), n.b[keep].sum(0), n.sd, n.bound)
-            step = within(rest.mean - whole.mean, n.reach)
-            rest = replace(rest, mean=whole.mean + step)
+            rest = solve(A[keep].sum(0), b[keep].sum(0), sd, bound)
+            rest = replace(rest, mean=whole.mean + within(rest.mean - whole.mean, reach))
         means[r] = rest.mean
-        fall[r] = 2.0 * n.b[r] @ rest.mean - rest.mean @ n.A[r] @ rest.mean
-        density[r] = 0.5 * fall[r] + 0.5 * _log_density_correction(n.A[r], n.b[r], rest)
+        fall[r] = 2.0 * b[r] @ rest.mean - rest.mean @ A[r] @ rest.mean
+        density[r] = 0.5 * fall[r] + 0.5 * _log_density_correction(A[r], b[r], rest)
     return LeftOut(fall, density, whole, means)
 
 

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
-from herringbone_sim.diagnosis.regression import LeftOut, Normal, leave_one_out
+from herringbone_sim.diagnosis.regression import LeftOut, leave_one_out
 
 # Chosen, not fitted: bound of a departure from the catalogue's curve, in its prior standard
 # deviations.
@@ -87,6 +87,7 @@ def compute_score(
     coefficients: Sequence[Coefficient],
     mean: Array | None = None,
     sizes: Sequence[float] = PRIOR_SCALES,
+    by_density: bool = False,
 ) -> Score:
     """Score a linearised campaign, at the prior scale with the best predictive density.
 
@@ -100,6 +101,7 @@ def compute_score(
         coefficients: of a hypothesis, beyond those of ``campaign.base``.
         mean: (p,) point of linearisation, coefficients of the base first; None: zero.
         sizes: prior scales to try.
+        by_density: as in ``Score``.
 
     Returns:
         Score without ``chi2_by_row`` and ``count``.
@@ -119,7 +121,7 @@ def compute_score(
     reach = trust_region(with_base)
     for size in sizes if sized.any() else (1.0,):
         sd = prior * np.where(sized, size, 1.0)
-        left_out = leave_one_out(Normal(A, b, sd, bound, reach))
+        left_out = leave_one_out(A, b, sd, bound, reach)
         density = float(left_out.log_density[resolved].sum())
         if best is None or density > best[0]:
             best = density, left_out, size, sd
@@ -128,9 +130,7 @@ def compute_score(
     bent = np.array([c.departs_from > 0 for c in with_base])
     for _ in range(DEPARTURE_ROUNDS if bent.any() else 0):
         sd = np.where(bent, prior * _effect_sizes(with_base, center + left_out.whole.mean), sd)
-        left_out = leave_one_out(
-            Normal(A, b, sd, np.where(bent, MAX_DEPARTURE_SD * sd, bound), reach)
-        )
+        left_out = leave_one_out(A, b, sd, np.where(bent, MAX_DEPARTURE_SD * sd, bound), reach)
         density = float(left_out.log_density[resolved].sum())
     fit = left_out.whole
     left_out_chi2 = np.where(resolved, chi2 - left_out.fall, campaign.chi2)
@@ -146,6 +146,7 @@ def compute_score(
         density - 0.5 * float(at_zero.sum()),
         size,
         {},
+        by_density=by_density,
     )
 
 

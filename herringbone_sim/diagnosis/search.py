@@ -140,7 +140,7 @@ class Search:
             start: (p,) start values, those of the base first.
             rounds: largest number of steps.
         """
-        with_base = (*self.base, *coefficients)
+        with_base, by_density = (*self.base, *coefficients), self.machine.estimates_states
         wanted = functions_used(with_base)
         mean, least = start.copy(), np.inf
         step = np.zeros_like(mean)
@@ -170,7 +170,7 @@ class Search:
             least, best = now, (mean, campaign)
             if settled:
                 break
-            target = self.scored(campaign, coefficients, mean, sizes)
+            target = compute_score(campaign, coefficients, mean, sizes, by_density)
             if number and self._cannot_improve(target, coefficients):
                 break
             sizes, step = (target.prior_scale,), target.mean - mean
@@ -178,7 +178,7 @@ class Search:
             mean = mean + step
         assert best is not None
         mean, campaign = best
-        score = self.scored(campaign, coefficients, mean)
+        score = compute_score(campaign, coefficients, mean, by_density=by_density)
         # The mean found is one more, untried, step away: keep the last point that was evaluated.
         off = score.leave_one_out_means - score.mean
         if all(c.scales_with_effect for c in with_base):
@@ -196,27 +196,19 @@ class Search:
         # its term by the variance of the coefficients is left out.
         if density > -0.5 * in_sample:
             density = -0.5 * max(in_sample, float(chi2.sum()))
-        score = replace(
+        return replace(
             score,
             mean=mean,
             leave_one_out_means=mean + off,
             chi2=chi2,
             log_density=density,
             in_sample=in_sample,
+            chi2_by_row={
+                o: np.stack([r[o].chi2_without_nuisance for r in campaign.runs])
+                for o in campaign.observations
+            },
+            count=sum(p.values for of_run in campaign.runs for p in of_run.values()),
         )
-        chi2_by_row, count = _chi2_by_row(campaign)
-        return replace(score, coefficients=with_base, chi2_by_row=chi2_by_row, count=count)
-
-    def scored(
-        self,
-        campaign: CampaignProducts,
-        coefficients: Sequence[Coefficient],
-        mean: Array,
-        sizes: Sequence[float] = PRIOR_SCALES,
-    ) -> Score:
-        """``compute_score``, with ``by_density`` set where the machine estimates states."""
-        score = compute_score(campaign, coefficients, mean, sizes)
-        return replace(score, by_density=self.machine.estimates_states)
 
     def _cannot_improve(self, target: Score, coefficients: Sequence[Coefficient]) -> bool:
         """Whether the next step of a fit, predicted linearly, is no better than ``null``.
@@ -282,22 +274,13 @@ class Search:
     def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:
         """Leave-one-run-out score at prior scale ``size`` by a linear fit about ``null``."""
         start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
-        return self.scored(self.campaign, coefficients, start, (size,))
+        by_density = self.machine.estimates_states
+        return compute_score(self.campaign, coefficients, start, (size,), by_density)
 
 
 def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     """(R, Q) amplitudes ``made`` of run r, in the order of the functions of ``p``."""
-    a = np.zeros((len(p.rows), len(p.functions)))
+    a = np.zeros(p.c.shape)
     for name, values in made.items():
         a[:, p.functions.index(name)] = values[r]
     return a
-
-
-def _chi2_by_row(campaign: CampaignProducts) -> tuple[dict[str, Array], float]:
-    """Chi2 (runs, R) by observation, and the number of values in all recorded rows."""
-    every = [p for of_run in campaign.runs for p in of_run.values()]
-    left = {
-        o: np.stack([r[o].chi2_without_nuisance for r in campaign.runs])
-        for o in campaign.observations
-    }
-    return left, float(sum(p.count[p.chi2 != 0.0].sum() for p in every))

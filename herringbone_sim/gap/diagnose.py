@@ -37,7 +37,7 @@ from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
 from herringbone_sim.gap.verdict.design import design
-from herringbone_sim.gap.verdict.location import residual_by_mesh, residual_structure
+from herringbone_sim.gap.verdict.location import residual_by_mesh
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
 from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecidable
 from herringbone_sim.gap.verification.senses import measure_senses
@@ -251,10 +251,6 @@ def _report(
 def _designed(
     report: Report, campaign: PreparedCampaign, calibrated: Calibrated, model: Augmented
 ) -> Report:
-    """The report with a designed next experiment, and with where the residual lies."""
+    """The report with a designed next experiment."""
     point = design(campaign, calibrated, report.verdict, model)
-    return replace(
-        report,
-        next_experiment=next_experiment(campaign, report.verdict, point),
-        structure=residual_structure(campaign, calibrated),
-    )
+    return replace(report, next_experiment=next_experiment(campaign, report.verdict, point))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign
@@ -13,23 +11,17 @@ from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensor_calibration import without_copies
 
 
-@dataclass(frozen=True)
-class FeasibleObservations:
-    """Observations that a campaign allows.
+def feasible_observations(
+    campaign: PreparedCampaign,
+) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
+    """Find the observations that a diagnosis of a campaign would use.
 
-    Attributes:
-        observations: their names.
-        findings: problems of the data, and limits on the results of a diagnosis.
+    Returns:
+        Names of the observations, none without fit runs; problems of the data, and limits on the
+        results of a diagnosis.
     """
-
-    observations: tuple[str, ...]
-    findings: tuple[Finding, ...]
-
-
-def feasible_observations(campaign: PreparedCampaign) -> FeasibleObservations:
-    """Find the observations that a diagnosis of a campaign would use; none without fit runs."""
     campaign, findings = check(campaign)
     if not campaign.of_role("fit"):
-        return FeasibleObservations((), findings)
+        return (), findings
     gear = Gear(leave_out_folds(without_copies(campaign).of_role("fit")))
-    return FeasibleObservations(GearMachine(gear).observation_names, findings)
+    return GearMachine(gear).observation_names, findings

@@ -78,50 +78,26 @@ def _trig(name: str) -> Array:
     return np.asarray({"cos": np.cos, "sin": np.sin}[trig](float(order) * PHASES))
 
 
-def _over_phase(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
-    """Return a function of a hypothesis that makes the curve of a wave over the mesh phase."""
+def _over_angle(x_name: str, y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
+    """Return a function of a hypothesis that makes the curve of waves over an angle, 0 to 2 pi.
+
+    Coefficients named such as ``2 sin`` are of that order, ``cos`` and ``sin`` of the option
+    ``order``.
+
+    Args:
+        x_name: name of the angle; ``{NAME}`` stands for an option of the hypothesis.
+        y_name, y_unit: of the values.
+    """
 
     def make(h: Hypothesis) -> Curve:
-        order = dict(h.options)["order"]
-        names = [c.name if " " in c.name else f"{order} {c.name}" for c in h.coefficients]
+        options = dict(h.options)
+        names = [
+            c.name if " " in c.name else f"{options['order']} {c.name}" for c in h.coefficients
+        ]
         matrix = np.stack([_trig(n) for n in names], axis=1)
-        return PHASES, matrix, ("mesh phase", "rad", y_name, y_unit)
+        return PHASES, matrix, (x_name.format(**options), "rad", y_name, y_unit)
 
     return make
-
-
-def _over_turn(h: Hypothesis) -> Curve:
-    """Curve of a run-out: mesh error [m] over a turn of its member, 0 to 2 pi [rad].
-
-    Args:
-        h: hypothesis with the option ``member`` and k coefficients [m] named such as ``2 sin``.
-
-    Returns:
-        Angles (97,), matrix (97, k) from the coefficients to the mesh error, and names and units
-        of the axes.
-    """
-    matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
-    member = str(dict(h.options)["member"])
-    return PHASES, matrix, (f"turn of the {member}", "rad", "mesh error", "m")
-
-
-def _over_shaft(h: Hypothesis) -> Curve:
-    """Curve of a torque ripple over its period: a turn of the input shaft over the ``order``.
-
-    Args:
-        h: hypothesis with the option ``order`` and k coefficients [-] named such as ``2 sin``.
-
-    Returns:
-        ``order`` times the shaft angle (97,), 0 to 2 pi [rad], matrix (97, k) from the
-        coefficients to the share of T_1, and names and units of the axes.
-    """
-    matrix = np.stack([_trig(c.name) for c in h.coefficients], axis=1)
-    order = dict(h.options)["order"]
-    return (
-        PHASES,
-        matrix,
-        (f"{order} times the turn of the input shaft", "rad", "torque share", "-"),
-    )
 
 
 def _over_window(y_name: str, y_unit: str) -> Callable[[Hypothesis], Curve]:
@@ -179,10 +155,10 @@ def _friction(h: Hypothesis) -> Curve:
 
 
 CURVES: Mapping[str, Callable[[Hypothesis], Curve]] = {
-    "stiffness_harmonic": _over_phase("stiffness share of the mean", "-"),
-    "profile_error": _over_phase("mesh error", "m"),
-    "runout": _over_turn,
-    "torque_ripple": _over_shaft,
+    "stiffness_harmonic": _over_angle("mesh phase", "stiffness share of the mean", "-"),
+    "profile_error": _over_angle("mesh phase", "mesh error", "m"),
+    "runout": _over_angle("turn of the {member}", "mesh error", "m"),
+    "torque_ripple": _over_angle("{order} times the turn of the input shaft", "torque share", "-"),
     "tooth_crack": _over_window("stiffness share lost", "-"),
     "tooth_spall": _over_window("mesh error", "m"),
     "contact_nonlinearity": _over_load,

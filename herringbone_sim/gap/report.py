@@ -81,7 +81,6 @@ class Report:
         findings: problems of the data.
         senses: the gap in three senses; None where not measured.
         channels: names of the recorded channels.
-        structure: distribution of the residual, see ``location.residual_structure``.
         noise: noise of each recorded channel, by name.
         observations: names of the observations used.
         forces: forces of all meshes in one run, from few channels; None where not reconstructed.
@@ -96,7 +95,6 @@ class Report:
     findings: Sequence[Finding] = ()
     senses: Senses | None = None
     channels: Sequence[str] = ()
-    structure: Mapping[str, Any] = field(default_factory=dict)
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
     observations: Sequence[str] = ()
     forces: ReconstructedForces | None = None
@@ -136,7 +134,6 @@ class Report:
             "undecidable": list(self.undecidable),
             "next_experiment": {**self.next_experiment.point, "why": self.next_experiment.why},
             "findings": [_finding(finding) for finding in self.findings],
-            "structure": dict(self.structure),
             "hypotheses": _hypotheses(verdict),
             "law": [law.to_dict() for law in self.laws],
             "noise": {name: asdict(noise) for name, noise in self.noise.items()},

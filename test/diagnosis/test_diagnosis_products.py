@@ -17,18 +17,16 @@ from herringbone_sim.diagnosis.products import (
     recentred,
     residual_without_nuisance,
 )
-from herringbone_sim.diagnosis.regression import Normal, leave_one_out
+from herringbone_sim.diagnosis.regression import leave_one_out
 from herringbone_sim.diagnosis.score import MAX_DEPARTURE_SD, compute_score
 
 
-def a_block(seed, name="law", run="a", n=25, rows=2, functions=("f", "g", "h"), kinds=(2, 2)):
+def a_block(seed, name="law", n=25, rows=2, functions=("f", "g", "h"), kinds=(2, 2)):
     """A random block: nuisances of each row, and some shared by all rows."""
     rng = np.random.default_rng(seed)
     Q, (S, T) = len(functions), kinds
     return Block(
         name,
-        run,
-        tuple(f"row {i}" for i in range(rows)),
         rng.normal(size=(n, rows)),
         rng.uniform(0.5, 2.0, (n, rows)),
         tuple(functions),
@@ -84,8 +82,8 @@ def test_normal_equations_are_those_of_the_marginal_likelihood():
     rng = np.random.default_rng(1)
     blocks = [
         {
-            "law": a_block(10 * r, "law", f"run {r}", n=20 + 5 * r),
-            "balance": a_block(10 * r + 1, "balance", f"run {r}", 15, 1, ("p", "q"), (0, 0)),
+            "law": a_block(10 * r, "law", n=20 + 5 * r),
+            "balance": a_block(10 * r + 1, "balance", 15, 1, ("p", "q"), (0, 0)),
         }
         for r in range(3)
     ]
@@ -156,8 +154,6 @@ def test_a_departure_stays_near_the_curve_it_departs_from():
     blocks = [
         Block(
             "law",
-            f"{r}",
-            ("row",),
             10.0 * other[:, None] + rng.normal(size=(400, 1)),
             np.ones((400, 1)),
             ("own", "other"),
@@ -167,7 +163,7 @@ def test_a_departure_stays_near_the_curve_it_departs_from():
             np.zeros((0, 1, 2)),
             np.zeros(0),
         )
-        for r in range(3)
+        for _ in range(3)
     ]
     campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
     part = {name: {"law": Placement((0,), (name,), np.ones((3, 1)))} for name in ("own", "other")}
@@ -193,8 +189,6 @@ def test_the_density_knows_what_a_run_does_not_tell_of_another():
     blocks = [
         Block(
             "law",
-            name,
-            ("row",),
             rng.normal(size=(400, 1)),
             np.ones((400, 1)),
             ("own",),
@@ -204,7 +198,7 @@ def test_the_density_knows_what_a_run_does_not_tell_of_another():
             np.zeros((0, 1, 1)),
             np.zeros(0),
         )
-        for name, size in (("much", 30.0), ("little", 0.03))
+        for size in (30.0, 0.03)
     ]
     campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
     own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((2, 1)))})
@@ -221,8 +215,6 @@ def test_squares_that_rounding_takes_count_as_they_are():
     blocks = [
         Block(
             "law",
-            str(r),
-            ("row",),
             rng.normal(size=(200, 1)),
             np.ones((200, 1)),
             ("own",),
@@ -232,7 +224,7 @@ def test_squares_that_rounding_takes_count_as_they_are():
             np.zeros((0, 1, 1)),
             np.zeros(0),
         )
-        for r in range(3)
+        for _ in range(3)
     ]
     campaign = CampaignProducts([{"law": products(b)} for b in blocks], ())
     own = Coefficient("own", 1.0, np.inf, {"law": Placement((0,), ("own",), np.ones((3, 1)))})
@@ -253,8 +245,6 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
     sigma = np.broadcast_to(rng.uniform(1.0, 2.0, rows), (n, rows))
     block = Block(
         "o",
-        "run",
-        ("a", "b", "c"),
         rng.normal(size=(n, rows)),
         sigma,
         tuple("fghij"),
@@ -276,8 +266,8 @@ def test_without_a_run_coefficients_move_as_far_as_their_columns_hold() -> None:
     A = np.array([np.diag([1.0, 1e4]), np.diag([1.0, 0.0]), np.diag([1.0, 0.0])])
     b = np.array([[1.0, 3e4], [2.0, 0.0], [3.0, 0.0]])
     sd, bound = np.array([100.0, 1.0]), np.full(2, np.inf)
-    free = leave_one_out(Normal(A, b, sd, bound))
-    held = leave_one_out(Normal(A, b, sd, bound, np.array([np.inf, 0.5])))
+    free = leave_one_out(A, b, sd, bound)
+    held = leave_one_out(A, b, sd, bound, np.array([np.inf, 0.5]))
     assert free.means[0] == pytest.approx([2.5, 0.0], rel=1e-3)
     assert free.whole.mean == pytest.approx([2.0, 3.0], rel=1e-3)
     share = 0.5 / 3.0

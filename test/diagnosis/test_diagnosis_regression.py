@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis import regression
-from herringbone_sim.diagnosis.regression import Normal, leave_one_out, solve
+from herringbone_sim.diagnosis.regression import leave_one_out, solve
 
 
 def density(y, Phi, sd, mean=0.0):
@@ -77,7 +77,7 @@ def test_runs_left_out_are_predicted_by_a_regression_on_the_others():
     y += Phi @ [0.5, -1.0, 0.2]
     sd, free = np.array([0.5, 1.0, 2.0]), np.full(3, np.inf)
     A, b = np.einsum("rni,rnj->rij", Phi, Phi), np.einsum("rni,rn->ri", Phi, y)
-    found = leave_one_out(Normal(A, b, sd, free))
+    found = leave_one_out(A, b, sd, free)
     for r in range(4):
         others = np.arange(4) != r
         X, z = Phi[others].reshape(-1, 3), y[others].ravel()

@@ -26,7 +26,7 @@ from herringbone_sim.gap.data.prepare import (
     prepare_run,
     told_noise,
 )
-from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, mesh_table
+from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -55,7 +55,7 @@ def with_first(
     first: PreparedRun, others: tuple[PreparedRun, ...]
 ) -> tuple[PreparedCampaign, list[Finding]]:
     runs = (first, *others[1:])
-    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("mine", NOMINAL, runs, ())
     kept, findings = check(campaign)
     return kept, list(findings)
 
@@ -339,7 +339,7 @@ def test_a_law_that_one_run_breaks_on_every_mesh(others: tuple[PreparedRun, ...]
 
 def test_the_same_recording_twice(others: tuple[PreparedRun, ...]) -> None:
     runs = (*others, replace(others[0], name="again", role="held_out"))
-    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("mine", NOMINAL, runs, ())
     kept, (finding,) = check(campaign)
     assert (finding.what, finding.run) == ("copy", "again")
     assert len(kept.runs) == 3
@@ -381,16 +381,16 @@ def test_a_point_that_the_recording_contradicts(
 def test_one_run_none_held_out_and_a_nominal_of_another_rig(
     others: tuple[PreparedRun, ...],
 ) -> None:
-    one = PreparedCampaign("mine", NOMINAL, others[:1], mesh_table(NOMINAL.layout), ())
+    one = PreparedCampaign("mine", NOMINAL, others[:1], ())
     assert {f.what for f in check(one)[1]} == {"no_held_out", "one_run"}
-    held = PreparedCampaign("mine", NOMINAL, others[2:], mesh_table(NOMINAL.layout), ())
+    held = PreparedCampaign("mine", NOMINAL, others[2:], ())
     assert any(f.what == "no_fit" and f.fatal for f in check(held)[1])
     stiffer = NOMINAL.changed({"k_m_sp": 2.0e9})
     moved = tuple(_with_nominal(run, stiffer.k_m_sp) for run in others)
-    wrong = PreparedCampaign("mine", stiffer, moved, mesh_table(NOMINAL.layout), ())
+    wrong = PreparedCampaign("mine", stiffer, moved, ())
     assert "nominal" in {f.what for f in check(wrong)[1]}
     hard = tuple(replace(run, waves=replace(run.waves, k=3.0 * run.waves.k)) for run in others)
-    found = check(PreparedCampaign("mine", NOMINAL, hard, mesh_table(NOMINAL.layout), ()))[1]
+    found = check(PreparedCampaign("mine", NOMINAL, hard, ()))[1]
     assert [f.what for f in found] == ["nominal"]
 
 
@@ -399,9 +399,7 @@ def _with_nominal(run: PreparedRun, k_m_sp: float) -> PreparedRun:
 
 
 def test_a_missing_run_is_told_with_its_reason(others: tuple[PreparedRun, ...]) -> None:
-    campaign = PreparedCampaign(
-        "mine", NOMINAL, others, mesh_table(NOMINAL.layout), (("run_07", "there is no run_07"),)
-    )
+    campaign = PreparedCampaign("mine", NOMINAL, others, (("run_07", "there is no run_07"),))
     first = check(campaign)[1][0]
     assert (first.what, first.run) == ("missing", "run_07")
 
@@ -446,7 +444,7 @@ def test_the_load_of_a_rig_with_a_pin_off_its_place_fits_its_torque() -> None:
 def test_a_campaign_without_a_usable_run_is_told_so(others: tuple[PreparedRun, ...]) -> None:
     """Clocks in ms: all runs are left out, and there is nothing to diagnose."""
     runs = tuple(replace(run, times=1e3 * run.times) for run in others)
-    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("mine", NOMINAL, runs, ())
     kept, findings = check(campaign)
     assert not kept.runs
     assert any(finding.fatal for finding in findings)
@@ -459,5 +457,5 @@ def test_held_out_runs_do_not_hide_a_nominal_file_of_another_rig() -> None:
     stiff = {"k_m_sp": 3.0 * NOMINAL.k_m_sp, "k_m_rp": 3.0 * NOMINAL.k_m_rp}
     omega_n = build(NOMINAL).scales.omega_n
     runs = (*rig({**stiff, "omega_n": omega_n}).of_role("fit"), *rig({}).of_role("held_out"))
-    campaign = PreparedCampaign("mine", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("mine", NOMINAL, runs, ())
     assert any(finding.what == "nominal" for finding in check(campaign)[1])

@@ -17,10 +17,15 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.effect_forces import FusedRun, fused_run
 from herringbone_sim.gap.calibrated import Calibrated
-from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import nominal_model
-from herringbone_sim.gap.verdict.candidate_points import LEVELS, candidate_points, value_ranges
+from herringbone_sim.gap.verdict.candidate_points import (
+    LEVELS,
+    candidate_points,
+    predict_run,
+    value_ranges,
+)
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.design import Design, design, leading_explanations
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
@@ -59,7 +64,7 @@ def rig(truth: Sequence[Active], points: Sequence[Point], gear: Parameters) -> P
         _, settled = simulate(model, truth, 60)
         series, _ = simulate(model, truth, 40, settled)
         runs.append(prepared(noisy(series, 0.01, i), point, name=f"run_{i:02d}", nominal=gear))
-    return PreparedCampaign("planted", gear, tuple(runs), mesh_table(gear.layout), ())
+    return PreparedCampaign("planted", gear, tuple(runs), ())
 
 
 def cases_of(campaign: PreparedCampaign) -> tuple[FusedRun, ...]:
@@ -124,6 +129,23 @@ def test_points_in_reach_hold_the_range_of_the_runs_and_more() -> None:
     assert sum(one["K"] == 0.0 for one in points) == LEVELS // 2
 
 
+def test_a_predicted_run_has_none_of_the_sensor_errors_of_the_fit_runs() -> None:
+    """Its motion is simulated: e(t) is neither late nor filtered, and a and pins are not known."""
+    run = rig((), ONE_HEAT[:1], QUIET).runs[0]
+    pin = replace(run.u, values=run.u.values[:, :3], recorded=run.u.recorded[:3])
+    errors = np.full(2 * run.u.recorded.size, 1e-6)
+    seen = replace(run, delay_rad=0.1, e_share=0.9, encoder_errors=errors, a=run.u, pin=pin)
+    case = fused_run(seen, fuse(seen))
+    predicted = predict_run((case,), QUIET, QUIET, np.ones(6), dict(ONE_HEAT[1]))
+    assert predicted is not None
+    found = predicted.case.run
+    np.testing.assert_array_equal(found.waves_at(found.phase).e, found.waves.e)
+    assert found.encoder_errors is None
+    for channels in (found.a, found.pin):
+        assert len(channels.values) == len(found)
+        assert not channels.recorded.any()
+
+
 def test_leading_are_the_class_or_the_verdict_and_its_runner_up() -> None:
     first, second, other = (
         NamedExplanation((planted(n),)) for n in ("mean_stiffness", "runout", "stagger")
@@ -157,7 +179,7 @@ VERDICT = Verdict("a", ("a",), CHANCES, {}, (), "force_law", None, None, ())
 def _campaign(points: Sequence[Point]) -> PreparedCampaign:
     run = rig((), ONE_HEAT[:1], NOMINAL).runs[0]
     runs = tuple(replace(run, point=point) for point in points)
-    return PreparedCampaign("rig", NOMINAL, runs, mesh_table(NOMINAL.layout), ())
+    return PreparedCampaign("rig", NOMINAL, runs, ())
 
 
 def test_the_reason_names_the_rivals_and_by_how_much_they_differ() -> None:

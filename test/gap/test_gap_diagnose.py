@@ -8,11 +8,10 @@ from functools import cache
 from typing import Any
 
 import pytest
-from gap_support import shortened, with_few_runs
+from gap_support import check_report, shortened, with_few_runs
 
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.report_file import check_report
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from gap_support import POINTS, prepared, sampled
+from gap_support import NOMINAL, POINTS, prepared, sampled
 
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import amplitudes
@@ -161,6 +161,16 @@ def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> No
     fitted, of_gear = both(with_event, h, np.array([0.8]))
     assert np.abs(fitted - of_gear).max() < 0.2 * np.abs(fitted).max()
     assert slope(fitted, of_gear) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("z_p", "places"), [(24, 1), (25, 3)])
+def test_no_place_of_a_tooth_is_proposed_twice(
+    gear: Gear, monkeypatch: pytest.MonkeyPatch, z_p: int, places: int
+) -> None:
+    """Half a turn of a planet with an even number of teeth is a whole number of mesh cycles."""
+    monkeypatch.setattr(gear, "model", build(NOMINAL.changed({"z_p": z_p, "z_r": 27 + 2 * z_p})))
+    delays = {tuple(late) for _, late in mesh_delays(gear, "planet")}
+    assert len(delays) == len(list(mesh_delays(gear, "planet"))) == places
 
 
 def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: Gear) -> None:

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.observations.body_motion import inverse_masses
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
 
 STEPS, WINDOWS, EVERY = 30, 37, 3  # windows: two full batches of lanes, and five left

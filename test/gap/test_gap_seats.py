@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gap_support import no_effect, rig, with_few_runs
+from gap_support import NOMINAL, POINTS, no_effect, prepared, rig, sampled, with_few_runs
 from scipy.integrate import solve_ivp
 
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -12,11 +12,14 @@ from herringbone_sim.diagnosis.products import products
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.diagnose import diagnose, machine_of
+from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.law import LawChange, law
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.runs import gear_run
 from herringbone_sim.gap.observations.seat_grid import PartTrial
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
-from herringbone_sim.gap.observations.seats import Seat
+from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -82,6 +85,18 @@ def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     size = np.sqrt(np.mean(true**2, axis=0))
     off = np.sqrt(np.mean((found - true) ** 2, axis=0))
     assert (off < 0.01 * size).all()
+
+
+@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
+def test_the_carrier_of_a_pin_is_driven_by_the_control_of_the_gear() -> None:
+    """Of any order and phase, beside the output torque and the forces of the other meshes."""
+    nominal = NOMINAL.changed({"control_order": 2.0, "control_phase": 0.7})
+    run = prepared(sampled({}, POINTS[2], 10), POINTS[2], nominal=nominal)
+    m, locus = gear_run(run, 1).motion, Locus("all", "2", "all")
+    drive = PartDrive(run.model, locus, "bearing_clearance", m, LawChange())
+    others = law(m).force @ (1.0 - locus.mask(run.model.layout))
+    rest = drive._meshes[0].rest - run.model.scales.cos_beta * others
+    np.testing.assert_allclose(rest, body_loads(run.model, m.phase)[:, 2], rtol=1e-9)
 
 
 @pytest.fixture(scope="module")

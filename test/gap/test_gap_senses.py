@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from gap_support import NOMINAL, OMEGA_N, POINTS, prepared, rig, sampled
+from gap_support import NOMINAL, OMEGA_N, POINTS, prepared, rig, sampled, senses_errors
 
 from herringbone_sim.core.integrate import largest_exponent as by_tangent_flow
 from herringbone_sim.core.model import build
@@ -19,7 +19,7 @@ from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
-from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_errors, senses_to_dict
+from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_to_dict
 from herringbone_sim.gap.verification.simulator import simulator_of
 from herringbone_sim.gap.verification.verify import residual_gap
 

@@ -158,8 +158,7 @@ def test_an_encoder_that_is_missing_changes_no_error_of_the_others() -> None:
     run = rig({}, share=1e-6, cycles=20).runs[0]
     signals = []
     for one in (run, without_channels(run, ("u_s_R",))):
-        J = sum(m.recorded.size for m in (one.x, one.v, one.u))
-        signals.append(error_signals(one, np.ones((J, 4)), fuse(one))[:, 24, 0])
+        signals.append(error_signals(one, fuse(one))[:, 24, 0])
     for found in signals:
         np.testing.assert_allclose(found, run.u.values[:, 0], atol=1e-3 * rms(run.u.values))
 
@@ -214,7 +213,7 @@ def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements
     right = rig({}, cycles=20).runs[0]
     names = ("v_sp2_R", "v_rp2_R")
     swapped = without_sensor_error(right, "swap", names, 1.0)
-    clean, wrong = (consistency.block(run, fuse(run), 0.5, names) for run in (right, swapped))
+    clean, wrong = (consistency.block(run, fuse(run), names) for run in (right, swapped))
     assert clean is not None
     assert wrong is not None
     column = wrong.columns[:, :, wrong.functions.index("swap")]
@@ -223,7 +222,7 @@ def test_an_exchange_of_rates_that_geometry_allows_is_seen_against_displacements
     assert np.sqrt(np.mean(left**2)) < 0.01 * np.sqrt(np.mean(clean.residual**2))
     assert np.mean(wrong.residual**2) > 100.0 * np.mean(clean.residual**2)
     lacking = without_channels(swapped, names[:1])
-    some = consistency.block(lacking, fuse(lacking), 0.5, names)
+    some = consistency.block(lacking, fuse(lacking), names)
     assert some is not None
     assert not some.columns[:, :, some.functions.index("swap")].any()
 
@@ -365,7 +364,7 @@ def test_few_samples_of_a_cycle_leave_no_more_than_noise() -> None:
     for samples, out in ((10, (0.05, 0.3)), (24, (0.0, 0.05))):
         made = make_campaign(replace(draw_plan(620000, "none"), samples_per_cycle=samples))
         runs = as_prepared(made).runs[:5]
-        blocks = [consistency.block(run, fuse(run), 0.5, None) for run in runs]
+        blocks = [consistency.block(run, fuse(run), None) for run in runs]
         squares = np.array([np.mean(b.residual**2, axis=0) for b in blocks if b is not None])
         assert out[0] <= np.mean(squares == 0.0) <= out[1]
         assert np.mean(squares[squares > 0.0]) == pytest.approx(1.0, abs=0.1)

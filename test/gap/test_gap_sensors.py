@@ -17,10 +17,10 @@ from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.sensor_errors import PARAMETER_NAMES
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.consistency import (
-    KINDS,
     consistency_chi2,
     error_signals,
     relations,
@@ -61,20 +61,18 @@ def runs_of(
     ]
 
 
-def size_of(
-    runs: list[PreparedRun], effect: str, names: tuple[str, ...], unit: float
-) -> tuple[float, float]:
-    """Error that some channels share, and its sigma, by least squares; ``unit`` its scale [SI]."""
+def size_of(runs: list[PreparedRun], effect: str, names: tuple[str, ...]) -> tuple[float, float]:
+    """Error that some channels share [SI], and its sigma, by least squares."""
     every = sensor_names(NOMINAL.layout)
-    at, kind = [every.index(name) for name in names], KINDS.index(effect)
+    at, kind = [every.index(name) for name in names], list(PARAMETER_NAMES).index(effect)
     normal = right = 0.0
     for run in runs:
-        signals = error_signals(run, np.full((len(every), len(KINDS)), unit), fuse(run))
+        signals = error_signals(run, fuse(run))
         for one in relations(run, signals):
             column = np.einsum("dj,tj->td", one.columns[:, at], one.signals[:, at, kind])
             normal += float(np.sum(column**2))
             right += float(np.sum(column * one.residual))
-    return right / normal * unit, normal**-0.5 * unit
+    return right / normal, normal**-0.5
 
 
 @pytest.mark.parametrize("share", [0.1, 0.01, 0.001])
@@ -132,7 +130,7 @@ def test_a_planted_error_comes_back(
 ) -> None:
     runs = runs_of([_from_zero(s) for s in clean], names, change)
     assert consistency_chi2(runs) > 1.05  # 1 where all sensors agree
-    size, sigma = size_of(runs, effect, names, abs(value))
+    size, sigma = size_of(runs, effect, names)
     assert size == pytest.approx(value, abs=max(5.0 * sigma, 0.05 * abs(value)))
 
 

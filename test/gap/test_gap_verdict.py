@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from gap_support import a_report
+from gap_support import a_report, check_report
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.fits import FittedExplanation
@@ -19,7 +19,6 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.gap_by_run import metric_of
-from herringbone_sim.gap.report_file import check_report
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide
 from herringbone_sim.gap.verdict.undecidable import undecidable
 
@@ -102,7 +101,7 @@ def test_pairs_with_nothing_in_common_are_ambiguous() -> None:
 def test_unknown_keeps_what_comes_nearest() -> None:
     found = verdict_of((("unknown",), 0.7), (("runout",), 0.2), ((), 0.1))
     assert (found.verdict, found.effects) == ("unknown", ())
-    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    nothing = PreparedCampaign("rig", Parameters(), (), ())
     said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
     assert "no effect of the catalogue explains the gap: what it comes from is open" in said
     assert "nearest comes runout, but it leaves too much" in said
@@ -117,7 +116,7 @@ def test_an_effect_with_something_beside_it_is_named_alone_and_half_is_unknown()
     assert found.probabilities["runout"] == pytest.approx(0.55)
     assert found.probabilities["unknown"] == pytest.approx(0.25)
     assert "unknown" not in found.best
-    nothing = PreparedCampaign("rig", Parameters(), (), {}, ())
+    nothing = PreparedCampaign("rig", Parameters(), (), ())
     said = undecidable(nothing, Calibrated((), np.ones(6), None), found)
     assert "something beside runout that was not found is not excluded: probability 50%" in said
     assert not any("outside the catalogue" in one for one in said)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from gap_support import NOMINAL, OMEGA_N, POINTS, noisy, prepared, sampled
+from gap_support import NOMINAL, OMEGA_N, POINTS, check_report, noisy, prepared, sampled
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.core.timeseries import TimeSeries
@@ -18,9 +18,9 @@ from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.attribution.effect_torques import effect_accelerations
-from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.repeat import repeat
-from herringbone_sim.gap.report_file import StoredReport, check_report, read_report
+from herringbone_sim.gap.report_file import StoredReport, read_report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
@@ -180,7 +180,7 @@ def test_without_forces_the_gap_is_named_one_of_accelerations() -> None:
 
 def test_a_gap_of_trajectories_is_not_measured_as_another() -> None:
     report = StoredReport("rig", "runout", ("runout",), "trajectory", {})
-    campaign = PreparedCampaign("more", NOMINAL, (), mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("more", NOMINAL, (), ())
     with pytest.raises(AnalysisError, match="'trajectory' can't be measured"):
         repeat(campaign, NOMINAL, (), report)
 
@@ -193,7 +193,7 @@ def test_a_delay_of_all_channels_is_no_gap_of_further_runs(
     data = series.data.copy()
     data[:, series.names.index("phase")] += 4e-6 * point["Omega"] * OMEGA_N
     late = prepared(TimeSeries(series.times, data, series.names), point, share=1e-3)
-    campaign = PreparedCampaign("late", NOMINAL, (late,), mesh_table(NOMINAL.layout), ())
+    campaign = PreparedCampaign("late", NOMINAL, (late,), ())
     report = StoredReport("rig", "none", (), "force_law", {})
     # The other senses are not looked at, and take longest.
     monkeypatch.setattr(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +16,12 @@ from herringbone_sim.diagnosis.examine import examine
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
+from herringbone_sim.gap.data.prepared import Measured
+from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.sensor_errors import window_sensor_errors
 from herringbone_sim.gap.observations.shooting import evaluated, stacked_residual
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import window_channels
@@ -239,3 +244,28 @@ def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: Gear) -> N
         if h.effect == "sensor_bias" and h.options[0][1][0].startswith("F_pin")
     }
     assert unit == pytest.approx(0.05 * rms, rel=1e-3)
+
+
+def test_an_error_of_a_sensor_is_of_its_own_planet(gear: Gear) -> None:
+    """That of the tenth is not of the first, whose number is part of its own."""
+    names = ("F_pin10", "F_rp11_R", "u_p12_L", "u_p2_R", "u_c")
+    of_many = copy.copy(gear)
+    of_many.__dict__["followed_channels"] = replace(gear.followed_channels, names=names)
+    of_many.__dict__["rms_by_quantity"] = {**gear.rms_by_quantity, "F": 1.0}
+    every = list(window_sensor_errors(CoefficientBuilder(of_many)))
+    planets = [h.locus.planet for h in every if h.effect == "sensor_gain"]
+    assert planets == ["10", "11", "12", "2", "all"]
+
+
+def test_an_error_of_a_gauge_in_a_tooth_is_no_force_on_the_gear(gear: Gear) -> None:
+    """Where windows are fitted, and the displacement of its mesh is not recorded."""
+    on = np.arange(12) == 0
+    runs = []
+    for run in (one.run for one in gear.runs[:2]):
+        values = np.where(on, 0.5 * run.pin.values[:, :1], np.nan)
+        runs.append(replace(run, F=Measured(values, on, np.where(on, run.pin.sigma[0], np.nan))))
+    machine = GearMachine(Gear(runs))
+    names = machine.gear.followed_channels.names
+    assert "F_sp1_L" in names
+    gains = [h for h in machine.hypotheses() if h.effect == "sensor_gain"]
+    assert Counter(dict(h.options)["channels"] for h in gains) == {(name,): 1 for name in names}

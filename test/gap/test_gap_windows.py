@@ -12,10 +12,15 @@ from gap_support import column_of
 from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.data.rotations import detrended_rotations, with_rotations
+from herringbone_sim.gap.data.geometry import inverse_masses
+from herringbone_sim.gap.data.rotations import (
+    detrended_rotations,
+    with_rotations,
+    without_angles_not_in_rad,
+)
 from herringbone_sim.gap.observations import trajectory as trajectory_module
 from herringbone_sim.gap.observations import window_starts, windows
-from herringbone_sim.gap.observations.body_motion import inverse_masses, static_rotations
+from herringbone_sim.gap.observations.body_motion import static_rotations
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -111,6 +116,17 @@ def test_raw_angles_become_rotations_about_the_steady_one(gear: Gear) -> None:
     rounded = TimeSeries(run.times, np.round(1e9 * series["u_c"])[:, None] / 1e9, ("u_c",))
     assert detrended_rotations(rounded, ("u_c",)) == ("u_c",)
     assert detrended_rotations(rounded, ("u_s_R",)) == ()
+
+
+def test_angles_in_other_units_are_named_each_with_its_own() -> None:
+    """Those without a unit, or in rad, stay."""
+    names = ("phase", "angle_s_L", "angle_s_R", "angle_c", "angle_p1_L")
+    series = TimeSeries(np.arange(3.0), np.zeros((3, 5)), names)
+    units = {"angle_s_L": "deg", "angle_s_R": "rad", "angle_c": "turns"}
+    left, (finding,) = without_angles_not_in_rad("run_00", series, units)
+    assert left.names == ("phase", "angle_s_R", "angle_p1_L")
+    assert finding.channels == ("angle_s_L", "angle_c")
+    assert "angle_s_L in deg, angle_c in turns" in finding.text
 
 
 def test_states_of_a_healthy_rig_leave_the_noise(one: tuple[Trajectory, WindowSolution]) -> None:

@@ -151,7 +151,7 @@ class Damper:
                 force = force + own["force"]
                 columns |= {both[0]: own["slip"], both[1]: own["longer"]}
         sigma = np.sqrt(SIGMA["F"] ** 2 + (K * SIGMA["x"]) ** 2 * contact + (C * SIGMA["v"]) ** 2)
-        return _block(LAW, run, run.F - force, sigma, {f: columns[f] for f in names}, 1.0)
+        return _block(LAW, run.F - force, sigma, {f: columns[f] for f in names}, 1.0)
 
     def _impulse(self, r: int, a: Mapping[str, float], names: tuple[str, ...]) -> Block:
         run, n = self.recorded[r], len(SIMPSON_WEIGHTS)
@@ -168,14 +168,11 @@ class Damper:
         )
         sigma = np.full(len(at), np.sqrt(noise))
         columns = {f: columns[f] for f in names}
-        return _block(
-            IMPULSE, run, residual, sigma, columns, float(SIMPSON_WEIGHTS.sum()), at + n // 2
-        )
+        return _block(IMPULSE, residual, sigma, columns, float(SIMPSON_WEIGHTS.sum()), at + n // 2)
 
 
 def _block(
     observation: str,
-    run: Run,
     residual: Array,
     sigma: Array,
     columns: Mapping[str, Array],
@@ -186,8 +183,6 @@ def _block(
     n, q = len(residual), len(columns)
     return Block(
         observation,
-        f"{run.P:g} N",
-        ("mass",),
         residual[:, None],
         sigma[:, None],
         tuple(columns),

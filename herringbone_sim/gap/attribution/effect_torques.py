@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.law import no_react
 from herringbone_sim.gap.attribution.effect_forces import (
@@ -16,7 +15,7 @@ from herringbone_sim.gap.attribution.effect_forces import (
     effect_contributions,
     force_function_with_effects,
 )
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates
+from herringbone_sim.gap.data.geometry import forces_to_coordinates
 from herringbone_sim.gap.residuals.balance import (
     WIDTH,
     Balance,
@@ -95,12 +94,6 @@ def effect_accelerations(
         width: standard deviation of the window [mesh cycles].
     """
     torque = effect_contributions(case, factors, law, (probe,))[1]
-    through = bodies_to_coordinates(case.run.model) / masses(case.run.model)
+    through = forces_to_coordinates(case.run.model)
     averaged: Array = window_of(case.run, width).average(torque @ through.T)
     return averaged
-
-
-def masses(model: Model) -> Array:
-    """Equivalent masses (n_bodies,) [kg] of s_L, s_R, c, p1_L, ...: inertia over base radius^2."""
-    packed, s = model.packed, model.scales
-    return np.concatenate([1.0 / packed.inv_M_s, [s.M_c], 1.0 / packed.inv_M_p.ravel()])

@@ -45,6 +45,6 @@ def slice_run(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
         times=run.times[rows],
         phase=run.phase[rows],
         **cuts,
-        waves=Waves(w.k[rows], w.e[rows], w.e_rate[rows], w.e_acceleration[rows]),
+        waves=Waves(w.k[rows], w.e[rows], w.e_rate[rows]),
         recorded_point={q: values[rows] for q, values in run.recorded_point.items()},
     )

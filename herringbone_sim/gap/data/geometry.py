@@ -38,6 +38,17 @@ def bodies_to_meshes(model: Model) -> Array:
     return np.asarray(coordinates_to_meshes(model.layout) @ bodies_to_coordinates(model))
 
 
+def inverse_masses(model: Model) -> Array:
+    """Return 1/M (n_bodies,) of the bodies [1/kg]: base radius^2 over inertia."""
+    packed = model.packed
+    return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
+
+
+def forces_to_coordinates(model: Model) -> Array:
+    """Return accelerations (n_coordinate, n_bodies) of z by unit forces on the bodies [1/kg]."""
+    return np.asarray(bodies_to_coordinates(model) * inverse_masses(model))
+
+
 def cycles_per_shaft_turn(model: Model) -> dict[str, float]:
     """Return mesh cycles per revolution of sun (s), carrier (c), planet (p) against the ring."""
     p = model.parameters

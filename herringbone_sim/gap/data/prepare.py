@@ -23,7 +23,6 @@ from herringbone_sim.gap.data.prepared import (
     Measured,
     PreparedCampaign,
     PreparedRun,
-    mesh_table,
 )
 from herringbone_sim.gap.data.rotations import (
     detrended_rotations,
@@ -67,7 +66,6 @@ def prepare(folder: Path, nominal: Parameters) -> PreparedCampaign:
         campaign.rig,
         full,
         tuple(runs),
-        mesh_table(full.layout),
         tuple(missing),
         noise_is_known(runs, campaign.noise_share, campaign.sensors),
         gain_tolerances(full.layout, campaign.sensors),

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.arrays import Array, Flags, Indices
-from herringbone_sim.core.layout import KINDS, SIDES, Layout
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.screen import Finding
@@ -70,7 +69,7 @@ class PreparedRun:
         u, a: (n, n_bodies) rotation times base radius [m], and its second derivative [m/s^2].
         pin: (n, planets) force of each planet on the carrier [N].
         model: nominal model at the operating point.
-        waves: nominal k(t), e(t) and the derivatives of e(t) at ``phase`` minus ``delay_rad``, the
+        waves: nominal k(t), e(t) and the derivative of e(t) at ``phase`` minus ``delay_rad``, the
             harmonics of e(t) times ``e_share``.
         recorded_point: samples (n,) of K, delta_T and T_1, by name, as far as recorded.
         findings: problems of the recording, such as channels left out and breaks of the clock.
@@ -161,23 +160,6 @@ class PreparedRun:
 
 
 @dataclass(frozen=True)
-class MeshTable:
-    """Kind, side and planet of each mesh, in the order of mesh arrays; arrays (n_mesh,).
-
-    Attributes:
-        names: such as ``sp1_L``.
-        kind: 0 sun-planet, 1 ring-planet.
-        side: 0 left, 1 right.
-        planet: 0 ... N - 1.
-    """
-
-    names: tuple[str, ...]
-    kind: Indices
-    side: Indices
-    planet: Indices
-
-
-@dataclass(frozen=True)
 class PreparedCampaign:
     """Runs of one rig as arrays.
 
@@ -185,7 +167,6 @@ class PreparedCampaign:
         rig: name.
         nominal: parameters of the full model; each run has its own operating point.
         runs: runs that could be read.
-        meshes: kind, side and planet of each mesh.
         missing: (name, reason) of runs that could not be read.
         noise_known: whether campaign.yaml gives the noise; else it is estimated from spectra.
         gain_tolerance: (n_mesh,) relative, of force sensors by campaign.yaml; 0 where not given.
@@ -194,7 +175,6 @@ class PreparedCampaign:
     rig: str
     nominal: Parameters
     runs: tuple[PreparedRun, ...]
-    meshes: MeshTable
     missing: tuple[tuple[str, str], ...]
     noise_known: bool = True
     gain_tolerance: tuple[float, ...] = ()
@@ -202,12 +182,6 @@ class PreparedCampaign:
     def of_role(self, role: str) -> tuple[PreparedRun, ...]:
         """Runs of the role ``fit`` or ``held_out``."""
         return tuple(run for run in self.runs if run.role == role)
-
-
-def mesh_table(layout: Layout) -> MeshTable:
-    """Return kind, side and planet of each mesh of a layout."""
-    kind, side, planet = np.indices((len(KINDS), len(SIDES), layout.n_classes)).reshape(3, -1)
-    return MeshTable(layout.meshes, kind, side, planet)
 
 
 def deciding(runs: Sequence[PreparedRun]) -> Sequence[PreparedRun]:

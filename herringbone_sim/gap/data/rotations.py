@@ -53,7 +53,8 @@ def without_angles_not_in_rad(
     if not odd:
         return series, []
     columns = [i for i, name in enumerate(series.names) if name not in odd]
-    text = f"{listed(odd)} of {run} is in {units[odd[0]]}, not in rad: it is not used"
+    told = listed([f"{n} in {units[n]}" for n in odd])
+    text = f"angles of {run} that are not in rad are not used: {told}"
     finding = Finding("unit", run, tuple(odd), float(series.times[0]), text)
     names = tuple(series.names[i] for i in columns)
     return TimeSeries(series.times, series.data[:, columns], names), [finding]

@@ -16,22 +16,21 @@ class Waves:
 
     Attributes:
         k: (n, n_mesh) stiffness k(t) [N/m], Eqs. (7), (8).
-        e, e_rate, e_acceleration: (n, n_mesh) mesh error [m], [m/s], [m/s^2], Eqs. (9), (10).
+        e, e_rate: (n, n_mesh) mesh error [m] and its time derivative [m/s], Eqs. (9), (10).
     """
 
     k: Array
     e: Array
     e_rate: Array
-    e_acceleration: Array
 
 
 def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1.0) -> Waves:
-    """Evaluate the nominal stiffness k(t), the mesh error e(t) and its first two derivatives.
+    """Evaluate the nominal stiffness k(t), the mesh error e(t) and its time derivative.
 
     Args:
         model: nominal model at the operating point.
         phase: (n,) mesh phase [rad].
-        omega_rad_per_s: mesh frequency [rad/s], for the derivatives.
+        omega_rad_per_s: mesh frequency [rad/s], for the derivative.
         e_share: factor on the harmonics of e(t), not on its mean; below 1 where a low-pass filter
             attenuates e(t) in the recorded displacements.
     """
@@ -44,6 +43,5 @@ def waves(model: Model, phase: Array, omega_rad_per_s: float, e_share: float = 1
     k = p.stiffness + cos[:, :h] @ p.k_cos + sin[:, :h] @ p.k_sin
     turn = omega_rad_per_s * orders[:i]
     rate = (cos[:, :i] * turn) @ e_sin - (sin[:, :i] * turn) @ e_cos
-    acceleration = -(cos[:, :i] * turn**2) @ e_cos - (sin[:, :i] * turn**2) @ e_sin
     e = p.e_mean + cos[:, :i] @ e_cos + sin[:, :i] @ e_sin
-    return Waves(k * per_m, e * s.b_c, rate * s.b_c, acceleration * s.b_c)
+    return Waves(k * per_m, e * s.b_c, rate * s.b_c)

@@ -9,7 +9,7 @@ of the force law, on which effects act.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates
+from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, force_column
-from herringbone_sim.gap.observations.body_motion import inverse_masses
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
@@ -68,32 +67,11 @@ def function_names(
     return tuple(names)
 
 
-def accelerations(model: Model) -> Array:
-    """Accelerations (n_coordinate, n_bodies) of z by unit forces on the bodies [1/kg]."""
-    return np.asarray(bodies_to_coordinates(model) * inverse_masses(model))
-
-
-@dataclass(frozen=True)
-class BalanceSetup:
-    """Settings common to the balances of all runs of a gear.
-
-    Attributes:
-        modelled: (n_mesh,) meshes whose force comes from the law.
-        window_cycles: width of the averaging window [mesh cycles].
-        on_bodies: additional functions: forces (n,) on the carrier [N].
-        drift: RMS of drift and hum over that of the noise.
-    """
-
-    modelled: NDArray[np.bool_]
-    window_cycles: float
-    on_bodies: Sequence[Function] = ()
-    drift: float = DRIFT_SHARE
-
-
 def block(
     g: GearRun,
     law: Law,
-    setup: BalanceSetup,
+    modelled: NDArray[np.bool_],
+    on_bodies: Sequence[Function],
     chosen: Sequence[Function],
     quadrature_n: Array | None,
     wanted: Sequence[str] | None = None,
@@ -104,13 +82,15 @@ def block(
 
     Args:
         law: force law at every sample, under the change about which the balance is linearised.
+        modelled: (n_mesh,) meshes whose force comes from the law.
+        on_bodies: additional functions: forces (n,) on the carrier [N].
         chosen: functions of the force law with columns, as they act through modelled meshes.
         quadrature_n: (K, n_mesh) window integral of the forces minus its sum over samples [N];
             None where the motion between samples is unknown.
         wanted: names of the columns to form; None: all.
     """
-    run, m, modelled = g.run, g.motion, setup.modelled
-    window = window_of(run, setup.window_cycles)
+    run, m = g.run, g.motion
+    window = window_of(run)
     A = inertia_parts(run.model)
     whole = A.sum(0)
     reach = len(window.mean) // 2
@@ -132,17 +112,15 @@ def block(
         variance = variance + QUADRATURE_NOISE * np.mean((quadrature_n @ whole.T) ** 2, axis=0)
     residual = (measured - parts.sum(0))[::stride]
     rows = run.model.layout.n_coordinate
-    names, columns = _columns(g, law, setup, chosen, window, (*parts, more), wanted)
+    names, columns = _columns(g, law, modelled, on_bodies, chosen, window, (*parts, more), wanted)
     slow = slow_waves(m.times)[at]
     # The window averages white noise, but neither drift nor hum.
-    spread = setup.drift * np.sqrt(
+    spread = DRIFT_SHARE * np.sqrt(
         2.0 / slow.shape[1] * ((whole**2) @ np.nan_to_num(noise_f) ** 2)
     )
     overlap = 2.0 * np.sqrt(np.pi) * window.deviation
     return Block(
         NAME,
-        run.name,
-        tuple(f"z{i}" for i in range(rows)),
         residual,
         np.broadcast_to(np.sqrt(variance), residual.shape),
         names,
@@ -232,7 +210,8 @@ def _tents(s: Array) -> Array:
 def _columns(
     g: GearRun,
     law: Law,
-    setup: BalanceSetup,
+    modelled: NDArray[np.bool_],
+    on_bodies: Sequence[Function],
     chosen: Sequence[Function],
     window: Window,
     parts: Sequence[Array],
@@ -244,7 +223,7 @@ def _columns(
         parts: (K, rows) each: averaged accelerations by 1/M_s, 1/M_p and 1/M_c, and those by
             ``quadrature_n``.
     """
-    run, m, modelled, on_bodies = g.run, g.motion, setup.modelled, setup.on_bodies
+    run, m = g.run, g.motion
     force, stride = _forces(m, law, modelled), _stride(window)
     every = function_names(run.model, modelled, chosen, [f.name for f in on_bodies])
     there = set(every if wanted is None else wanted)
@@ -253,8 +232,7 @@ def _columns(
     slope = np.gradient(force, m.times, axis=0)
     clock = m.times[:, None] * slope
     shapes = friction_shapes(m.phase)
-    p = run.model.parameters
-    turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+    turn = cycles_per_shaft_turn(run.model)["s"]
     made: dict[str, Callable[[], Array]] = {"constant": partial(np.ones, len(m.phase))}
 
     def friction(j: int, shape: str) -> Array:

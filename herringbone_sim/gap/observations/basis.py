@@ -47,31 +47,24 @@ class Function:
         return self.meshes is None or mesh in self.meshes
 
 
-def harmonic_function(name: str, slot: str, order: float, sine: bool) -> Function:
-    """Return the function cos, or sin if ``sine``, of ``order`` times the mesh phase."""
-    trig = np.sin if sine else np.cos
-    other = np.cos if sine else np.sin
-    sign = 1.0 if sine else -1.0
-
-    def values(m: MeshMotion, _: Law) -> Array:
-        return np.asarray(trig(order * m.phase))
-
-    def rate(m: MeshMotion, _: Law) -> Array:
-        return np.asarray(sign * order * m.omega * other(order * m.phase))
-
-    return Function(name, slot, values, rate)
-
-
 def harmonic_functions(slot: str, label: str, orders: dict[str, float]) -> list[Function]:
     """Return cos and sin of the mesh phase times each order, named ``LABEL KEY cos`` (``sin``).
 
     ``orders``: periods per mesh cycle, by key.
     """
-    return [
-        harmonic_function(f"{label} {key} {'sin' if sine else 'cos'}", slot, order, sine)
-        for key, order in orders.items()
-        for sine in (False, True)
-    ]
+
+    def made(key: str, order: float, sine: bool) -> Function:
+        trig, other, sign = (np.sin, np.cos, 1.0) if sine else (np.cos, np.sin, -1.0)
+
+        def values(m: MeshMotion, _: Law) -> Array:
+            return np.asarray(trig(order * m.phase))
+
+        def rate(m: MeshMotion, _: Law) -> Array:
+            return np.asarray(sign * order * m.omega * other(order * m.phase))
+
+        return Function(f"{label} {key} {'sin' if sine else 'cos'}", slot, values, rate)
+
+    return [made(key, order, sine) for key, order in orders.items() for sine in (False, True)]
 
 
 def hat(knots: Array, i: int, at: Array) -> Array:

@@ -10,6 +10,7 @@ from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.gap.data.geometry import forces_to_coordinates
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import TURNS
 from herringbone_sim.gap.observations.coefficients import (
@@ -27,7 +28,7 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     effect = known_effects()["tooth_friction"]
     layout = gear.model.layout
-    to_rows = balance.accelerations(gear.model)
+    to_rows = forces_to_coordinates(gear.model)
     for locus in effect.candidates(layout):
         constant, lever = friction_arms(gear.model, locus.mask(layout))
         of = {"sign": constant @ to_rows.T, "lever": lever @ to_rows.T}
@@ -63,7 +64,7 @@ def ripple(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     push = np.zeros(len(gear.model.layout.bodies))
     push[:2] = 0.5 / gear.model.scales.r_bs
-    rows = gear.T_1[:, None] * (balance.accelerations(gear.model) @ push)
+    rows = gear.T_1[:, None] * (forces_to_coordinates(gear.model) @ push)
     for order in balance.RIPPLES:
         terms = []
         for times in TURNS:

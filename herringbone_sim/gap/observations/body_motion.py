@@ -6,7 +6,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
 
 
@@ -15,16 +15,15 @@ def body_loads(model: Model, phase: Array) -> Array:
     p, sc, packed = model.parameters, model.scales, model.packed
     tau = np.zeros((len(phase), len(model.layout.bodies)))
     tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
-    wave = np.cos(packed.control_order * phase + packed.control_phase)
     control = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
-    tau[:, 2] = -sc.T_2 / sc.r_bc + control * wave
+    tau[:, 2] = -sc.T_2 / sc.r_bc + control * control_wave(model, phase)
     return tau
 
 
-def inverse_masses(model: Model) -> Array:
-    """1/M (9,) of the bodies [1/kg], in the order of ``Layout.bodies``."""
+def control_wave(model: Model, phase: Array) -> Array:
+    """Control torque over its amplitude at mesh phases (n,) [rad], Eq. (20)."""
     packed = model.packed
-    return np.concatenate([packed.inv_M_s, [1.0 / model.scales.M_c], packed.inv_M_p.ravel()])
+    return np.asarray(np.cos(packed.control_order * phase + packed.control_phase))
 
 
 def rigid_moment(run: PreparedRun, phase: Array) -> Array:
@@ -44,8 +43,7 @@ def rigid_moment(run: PreparedRun, phase: Array) -> Array:
     turn = packed.control_order * run.omega_rad_per_s
     if turn == 0.0:
         return np.zeros(len(phase))
-    wave = np.cos(packed.control_order * (phase - run.delay_rad) + packed.control_phase)
-    return np.asarray(-push * wave / turn**2)
+    return np.asarray(-push * control_wave(run.model, phase - run.delay_rad) / turn**2)
 
 
 def rigid_swing(run: PreparedRun) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.law import Displacements, Law, LawChange, MeshMotion, law
 
+if TYPE_CHECKING:
+    from herringbone_sim.gap.observations.seats import Seat
+
 # Order in which slots are filled: functions of a later stage act on the law that the earlier
 # stages have changed.
 STAGES: tuple[Callable[[Function], bool], ...] = (
@@ -19,37 +22,6 @@ STAGES: tuple[Callable[[Function], bool], ...] = (
     lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
     lambda f: f.slot == "extra_force",
 )
-
-
-class MovingPart(Protocol):
-    """A part with its own equation of motion, driven by mesh forces, as a ring on its spring."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its parameters."""
-
-    def displacements(
-        self,
-        model: Model,
-        m: MeshMotion,
-        change: LawChange,
-        label: str,
-        offsets: Array,
-        slopes: bool,
-    ) -> Displacements:
-        """Return the displacements of the meshes by the part, by function name.
-
-        Args:
-            m: motion at equal, fine steps.
-            change: change of the law by all else: functions, and parts integrated before.
-            label: prefix of the names of its functions.
-            offsets: (p,) offsets of the logarithms of its parameters.
-            slopes: whether to compute derivatives by the parameters.
-
-        Returns:
-            The displacements under ``label``; with ``slopes``, their derivatives by the logarithm
-            of each parameter under ``LABEL NAME``.
-        """
 
 
 class LawChanges:
@@ -61,7 +33,7 @@ class LawChanges:
     """
 
     def __init__(
-        self, model: Model, functions: Sequence[Function], parts: Mapping[str, MovingPart]
+        self, model: Model, functions: Sequence[Function], parts: Mapping[str, Seat]
     ) -> None:
         self._model = model
         self.functions = tuple(functions)

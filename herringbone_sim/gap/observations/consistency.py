@@ -16,6 +16,7 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import (
+    DRIFT_SHARE,
     ENCODER_ERROR_RAD,
     slow_waves,
 )
@@ -37,7 +38,6 @@ def function_names(layout: Layout, swap: tuple[str, str] | None) -> tuple[str, .
 def block(
     run: PreparedRun,
     fused: Fused,
-    drift: float,
     swap: tuple[str, str] | None,
     least_rows: int = 0,
 ) -> Block | None:
@@ -45,7 +45,6 @@ def block(
 
     Args:
         fused: motion from which the columns are formed.
-        drift: RMS of drift and hum over that of the noise.
         swap: channels that may have been swapped; None: no such column.
         least_rows: least number of rows, so that all runs have as many; rows beyond the relations
             of this run are zero.
@@ -54,7 +53,7 @@ def block(
         The block; None without rows.
     """
     J = len(sensor_names(run.model.layout))
-    signals = error_signals(run, np.ones((J, len(ERROR_KINDS))), fused)
+    signals = error_signals(run, fused)
     parts = [_relation_rows(relation, len(run)) for relation in relations(run, signals)]
     rows = max(least_rows, sum(part[0].shape[1] for part in parts))
     if not rows:
@@ -76,15 +75,13 @@ def block(
     grating = np.sqrt(weights[0] ** 2 @ size**2)
     sd = np.concatenate(
         [
-            np.full((R, slow.shape[1]), drift * np.sqrt(2.0 / slow.shape[1])),
+            np.full((R, slow.shape[1]), DRIFT_SHARE * np.sqrt(2.0 / slow.shape[1])),
             np.repeat(grating[:, None], turns.shape[1], axis=1) + 1e-9,
         ],
         axis=1,
     )
     return Block(
         NAME,
-        run.name,
-        tuple(f"relation {i}" for i in range(R)),
         residual,
         np.ones_like(residual),
         names,

@@ -66,10 +66,7 @@ def without_computed(run: PreparedRun) -> PreparedRun:
     most v repeat x or u, the others get at least the noise of a differentiated displacement.
     """
     layout = run.model.layout
-    by_mesh, by_body = (
-        tuple(f"{q}_{name}" for name in names)
-        for q, names in (("x", layout.meshes), ("u", layout.bodies))
-    )
+    by_mesh, by_body = layout.channels_of("x"), layout.channels_of("u")
     residuals = geometric_residuals(run)[0][0]
     if run.u.complete and residuals.size and _rms(residuals) < COPY_SHARE:
         run = without_channels(run, by_mesh)
@@ -88,8 +85,8 @@ def without_computed(run: PreparedRun) -> PreparedRun:
     if _median(run, share) < COPY_SHARE:
         # A rate that disagrees although the others are copies has an error: it stays recorded,
         # with the noise of a slope.
-        shares = zip(layout.meshes, share, strict=True)
-        run = without_channels(run, tuple(f"v_{mesh}" for mesh, off in shares if off < COPY_SHARE))
+        shares = zip(layout.channels_of("v"), share, strict=True)
+        run = without_channels(run, tuple(name for name, off in shares if off < COPY_SHARE))
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
         run = with_rate_noise(run, np.fmax(run.v.sigma, of_slope))
     return run

@@ -25,6 +25,7 @@ from herringbone_sim.gap.observations.coefficients import (
     CoefficientBuilder,
     Weights,
 )
+from herringbone_sim.gap.observations.events import tooth_meets
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.sensor_errors import (
     force_sensor_errors,
@@ -62,8 +63,9 @@ def hypotheses(builder: CoefficientBuilder, only: Collection[str] = ()) -> Itera
         if only and effect.id not in only:
             continue
         for options, unit, terms, mains in variants(effect, builder.gear):
+            member = dict(options).get("member")
             for locus in effect.candidates(layout):
-                if _member_meets(options, locus):
+                if member is None or tooth_meets(str(member), locus):
                     mask = locus.mask(layout)
                     made = tuple(
                         _placed_term(builder, t, mask, unit)
@@ -96,16 +98,6 @@ def _placed_term(builder: CoefficientBuilder, term: Term, mask: Array, unit: flo
     """Coefficient of a term on the meshes of a mask (n_mesh,); ``unit``: the moderate size."""
     weights: Weights = {f: np.asarray(w) * mask for f, w in term.weights.items()}
     return builder.coefficient(term.name, weights, term.sd * unit)
-
-
-def _member_meets(options: tuple[tuple[str, object], ...], locus: Locus) -> bool:
-    """Whether the option ``member`` (sun, planet, ring), if given, has the meshes of a place."""
-    member = dict(options).get("member")
-    if member is None:
-        return True
-    if member == "planet":
-        return locus.planet != "all"
-    return locus.mesh == {"sun": "sp", "ring": "rp"}[str(member)]
 
 
 # Options, moderate size in the effect's unit, terms, and number of the effect's terms, which come

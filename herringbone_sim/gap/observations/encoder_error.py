@@ -59,8 +59,8 @@ def without_encoder_errors(
 
     def block(motion: MeshMotion, r: int) -> Block:
         """Residual of the nominal law, with tolerances as shared nuisances behind the errors."""
-        made = force_law.block(motion, law(motion), gear.model, chosen, gear.drift)
-        weights = np.zeros((len(base), len(made.rows), len(chosen)))
+        made = force_law.block(motion, law(motion), gear.model, chosen)
+        weights = np.zeros((len(base), made.residual.shape[1], len(chosen)))
         for i, c in enumerate(base):
             if force_law.NAME in c.placements:
                 for row, f, w in c.placements[force_law.NAME].entries:
@@ -124,4 +124,4 @@ def _of_bodies(waves: Array, errors: Array) -> Array:
 def _chi2(block: Block) -> tuple[float, float]:
     """Chi2 with nuisances marginalised, and the number of values in recorded rows."""
     p = products(block)
-    return float(p.chi2_without_nuisance.sum()), float(p.count[p.chi2 != 0.0].sum())
+    return float(p.chi2_without_nuisance.sum()), p.values

@@ -8,7 +8,7 @@ assembly; it is tried with and without rounding to whole mesh cycles.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,23 +46,11 @@ def contact_shape(s: Array) -> Array:
 BUMP = contact_shape(KNOTS)
 
 
-@dataclass(frozen=True)
-class Fold:
-    """Sums over all revolutions of a member, by mesh and bin of the revolution.
-
-    Attributes:
-        A, b: (n_mesh, bins) of the squared column, and of column times residual; whitened.
-    """
-
-    A: Array
-    b: Array
-
-
 def mesh_delays(gear: Gear, member: str) -> Iterator[tuple[str, Array]]:
     """Yield the name of each assembly tried and the delays (n_mesh,) of a tooth [mesh cycles]."""
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     if member == "planet":
-        for half in (0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles)):
+        for half in dict.fromkeys((0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles))):
             yield f"{half:g}", half * is_ring(gear.model.layout)
         return
     turn = planet_angles(gear.model) / (2.0 * np.pi) * cycles
@@ -127,7 +115,7 @@ def event_columns(m: MeshMotion, now: Law) -> dict[str, Array]:
 
 def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     """Return a row for each mesh without recorded force and coordinate that it accelerates."""
-    look = window_of(g.run, gear.window_cycles)
+    look = window_of(g.run)
     stride = max(1, round(look.deviation))
     root = np.sqrt(block.independent_share)
     residual, phase = root * residual_without_nuisance(block), g.motion.phase[block.sample_index]
@@ -145,18 +133,23 @@ def _balance_rows(gear: Gear, g: GearRun, now: Law, block: Block) -> list[_Row]:
     ]
 
 
-def fold_over_turn(gear: Gear, rows: Sequence[_Row], member: str) -> dict[str, Fold]:
-    """Sum rows synchronously with a member's revolution, for each kind of event."""
+def fold_over_turn(gear: Gear, rows: Sequence[_Row], member: str) -> dict[str, Array]:
+    """Sum rows over all revolutions of a member, by bin of the revolution.
+
+    Returns:
+        (2, n_mesh, bins) by kind of event: sums of the squared column, and of column times
+        residual; both over the noise.
+    """
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     bins = round(BINS_PER_CYCLE * cycles)
-    n = gear.model.layout.n_mesh
-    folds = {kind: Fold(np.zeros((n, bins)), np.zeros((n, bins))) for kind in EVENT_KINDS}
+    folds = {kind: np.zeros((2, gear.model.layout.n_mesh, bins)) for kind in EVENT_KINDS}
     for row in rows:
         turned = np.mod(row.phase / (2.0 * np.pi), cycles)
         at = np.floor(turned * BINS_PER_CYCLE).astype(int) % bins
         for kind, c in row.columns.items():
-            folds[kind].A[row.mesh] += np.bincount(at, c * c, bins)
-            folds[kind].b[row.mesh] += np.bincount(at, c * row.residual, bins)
+            A, b = folds[kind]
+            A[row.mesh] += np.bincount(at, c * c, bins)
+            b[row.mesh] += np.bincount(at, c * row.residual, bins)
     return folds
 
 
@@ -182,11 +175,14 @@ def proposals(gear: Gear, amplitudes: Amplitudes, per_kind: int = 4) -> list[Eve
     return chosen
 
 
-def _best_events(gear: Gear, member: str, kind: str, fold: Fold) -> list[tuple[float, Event]]:
-    """Chi2 removed and event, of the best six places and assemblies; ``fold``: sums of a kind."""
+def _best_events(gear: Gear, member: str, kind: str, fold: Array) -> list[tuple[float, Event]]:
+    """Chi2 removed and event, of the best six places and assemblies.
+
+    ``fold``: (2, n_mesh, bins) sums of the kind, see ``fold_over_turn``.
+    """
     layout = gear.model.layout
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
-    bins = fold.A.shape[1]
+    bins = fold.shape[2]
     wide = round(CONTACT_CYCLES * BINS_PER_CYCLE)
     kernel = np.zeros(bins)
     kernel[:wide] = 1.0
@@ -196,7 +192,7 @@ def _best_events(gear: Gear, member: str, kind: str, fold: Fold) -> list[tuple[f
         """Circular sum over the length of a contact, by the last bin of the contact."""
         return np.asarray(np.fft.irfft(np.fft.rfft(values, axis=1) * spectrum, bins, axis=1))
 
-    A, b = summed(fold.A), summed(fold.b)
+    A, b = map(summed, fold)
     ranked = []
     for locus in known_effects()[kind].candidates(layout):
         if not tooth_meets(member, locus):
@@ -224,39 +220,6 @@ def _best_events(gear: Gear, member: str, kind: str, fold: Fold) -> list[tuple[f
     return ranked[:6]
 
 
-def event_functions(
-    gear: Gear, label: str, kind: str, member: str, middle: float, late: Array
-) -> list[Function]:
-    """Return a hat function for each of ``KNOTS`` about an event, named ``LABEL i``.
-
-    Args:
-        middle: mesh phase of the middle of the contact [mesh cycles].
-        late: (n_mesh,) delay at each mesh [mesh cycles].
-    """
-    cycles = force_law.cycles_per_member_turn(gear.model)[member]
-
-    def from_event(m: MeshMotion) -> Array:
-        s = m.phase[:, None] / (2.0 * np.pi) - middle - late
-        return s - cycles * np.floor(s / cycles + 0.5)
-
-    def made(i: int) -> Function:
-        def values(m: MeshMotion, _: Law) -> Array:
-            return np.asarray(
-                np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / KNOT_SPACING)
-            )
-
-        def rate(m: MeshMotion, _: Law) -> Array:
-            s = from_event(m) - KNOTS[i]
-            inside = np.abs(s) < KNOT_SPACING
-            return np.where(inside, -np.sign(s), 0.0) / KNOT_SPACING * m.omega / (2.0 * np.pi)
-
-        if kind == "tooth_crack":
-            return Function(f"{label} {i}", "kappa", values)
-        return Function(f"{label} {i}", "d", values, rate)
-
-    return [made(i) for i in range(len(KNOTS))]
-
-
 @dataclass(frozen=True)
 class Event:
     """A damaged tooth.
@@ -277,11 +240,33 @@ class Event:
     late: tuple[float, ...]
 
     def functions(self, gear: Gear, label: str) -> tuple[Function, ...]:
-        """Return functions of the force law, ``LABEL i``, that span its curve on its meshes."""
-        late = np.array(self.late)
+        """Return a hat function of the force law for each of ``KNOTS``, on the event's meshes.
+
+        They are named ``LABEL i`` and span the curve of the event.
+        """
+        late: Array = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
-        every = event_functions(gear, label, self.effect, self.member, self.middle, late)
-        return tuple(replace(f, meshes=at) for f in every)
+
+        def from_event(m: MeshMotion) -> Array:
+            s = m.phase[:, None] / (2.0 * np.pi) - self.middle - late
+            return s - self.turn * np.floor(s / self.turn + 0.5)
+
+        def made(i: int) -> Function:
+            def values(m: MeshMotion, _: Law) -> Array:
+                return np.asarray(
+                    np.maximum(0.0, 1.0 - np.abs(from_event(m) - KNOTS[i]) / KNOT_SPACING)
+                )
+
+            def rate(m: MeshMotion, _: Law) -> Array:
+                s = from_event(m) - KNOTS[i]
+                inside = np.abs(s) < KNOT_SPACING
+                return np.where(inside, -np.sign(s), 0.0) / KNOT_SPACING * m.omega / (2.0 * np.pi)
+
+            if self.effect == "tooth_crack":
+                return Function(f"{label} {i}", "kappa", values, meshes=at)
+            return Function(f"{label} {i}", "d", values, rate, meshes=at)
+
+        return tuple(made(i) for i in range(len(KNOTS)))
 
     def hypothesis(self, builder: CoefficientBuilder, label: str) -> Hypothesis:
         """Hypothesis of the event: a raised cosine over the contact, and departures from it."""

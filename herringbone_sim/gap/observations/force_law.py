@@ -171,7 +171,6 @@ def block(
     law: Law,
     model: Model,
     chosen: Sequence[Function],
-    drift: float = DRIFT_SHARE,
 ) -> Block:
     """Return the force-law residual of a run: measured minus modelled force [N], a row a mesh.
 
@@ -182,7 +181,6 @@ def block(
         m: motion of the run.
         law: force law at ``m``, under the change about which the block is linearised.
         chosen: functions whose columns are formed.
-        drift: RMS of drift and hum over that of the noise.
     """
     known = np.asarray(np.all(np.isfinite(m.F) & np.isfinite(law.force), axis=0))
     residual = np.where(known, m.F - law.force, 0.0)
@@ -203,7 +201,7 @@ def block(
     )
     S = slow.shape[1]
     # The variance of drift is spread evenly over the cosines, whose mean square is one half.
-    spread = drift * np.sqrt(2.0 / S)
+    spread = DRIFT_SHARE * np.sqrt(2.0 / S)
     sd = np.concatenate(
         [
             np.repeat(spread * np.nan_to_num(m.sigma_F, nan=1.0)[:, None], S, axis=1),
@@ -217,8 +215,6 @@ def block(
         residual = residual + np.einsum("nrq,trq,t->nr", columns, shared, m.encoder_errors)
     return Block(
         NAME,
-        m.name,
-        model.layout.meshes,
         residual,
         sigma,
         names,

@@ -9,6 +9,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,20 +28,23 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.block_columns import joined, linear_block_at
-from herringbone_sim.gap.observations.changes import LawChanges, MovingPart
+from herringbone_sim.gap.observations.changes import LawChanges
 from herringbone_sim.gap.observations.law import Law, LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.recorded_gear import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.residuals.balance import FINE, WIDTH, window_of
+from herringbone_sim.gap.residuals.balance import FINE, window_of
+
+if TYPE_CHECKING:
+    from herringbone_sim.gap.observations.seats import Seat
 
 
 class Gear(RecordedGear):
     """Observations of a gear's runs, linearised about any change of the law.
 
     Args:
-        runs, drift, stride, swap, gain_tolerance: see ``RecordedGear``.
+        runs, stride, swap, gain_tolerance: see ``RecordedGear``.
 
     Attributes:
         exact_forces: whether the balance integrates forces between samples under all changes of
@@ -52,13 +56,11 @@ class Gear(RecordedGear):
     def __init__(
         self,
         runs: Sequence[PreparedRun],
-        drift: float = force_law.DRIFT_SHARE,
         stride: int = 1,
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
     ) -> None:
-        super().__init__(runs, drift, stride, swap, gain_tolerance)
-        self.window_cycles = WIDTH
+        super().__init__(runs, stride, swap, gain_tolerance)
         self.exact_forces = False
         self.body_functions: tuple[Function, ...] = ()
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
@@ -98,7 +100,7 @@ class Gear(RecordedGear):
 
         Coefficients fitted to this gear apply to it. Fitted windows of common runs are reused.
         """
-        gear = Gear(runs, self.drift, 1, self.swap, self.gain_tolerance)
+        gear = Gear(runs, 1, self.swap, self.gain_tolerance)
         gear.take_observations(self)
         gear.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
@@ -133,7 +135,7 @@ class Gear(RecordedGear):
         if dense is None:
             return None
         force = self.law_of(dense, of_law, ()).force
-        look = window_of(g.run, self.window_cycles)
+        look = window_of(g.run)
         fine = look.finer(FINE)
         reach = len(look.mean) // 2
         first = reach * FINE - len(fine.mean) // 2
@@ -174,10 +176,9 @@ class Gear(RecordedGear):
         wanted: Sequence[str] | None = None,
     ) -> Block:
         """Torque balance of run ``g``, number r, about the law ``now``; see ``balance.block``."""
-        setup = balance.BalanceSetup(
-            self.modelled, self.window_cycles, self.body_functions, self.drift
+        return balance.block(
+            g, now, self.modelled, self.body_functions, chosen, self._quadrature[r], wanted
         )
-        return balance.block(g, now, setup, chosen, self._quadrature[r], wanted)
 
     def law_of(
         self, m: MeshMotion, amplitudes: Mapping[str, Array], wanted: Sequence[str] | None = None
@@ -250,9 +251,7 @@ class Gear(RecordedGear):
         law_columns = [f.name for f in chosen]
         if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.strided, of_law, law_columns)
-            blocks[force_law.NAME] = force_law.block(
-                g.strided, now, self.model, chosen, self.drift
-            )
+            blocks[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen)
         if balance.NAME in observations and self.has_balance and self.has_balance_of(r):
             # Functions of the law act through the forces already.
             direct = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
@@ -344,7 +343,7 @@ class Gear(RecordedGear):
         self,
         extra: Sequence[Function],
         on_bodies: Sequence[Function] = (),
-        parts: Mapping[str, MovingPart] | None = None,
+        parts: Mapping[str, Seat] | None = None,
         about: Amplitudes | None = None,
     ) -> Gear:
         """Copy with additional functions.

@@ -14,7 +14,7 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.observations import consistency, force_law, trajectory
+from herringbone_sim.gap.observations import consistency, trajectory
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
@@ -30,7 +30,6 @@ class RecordedGear:
 
     Args:
         runs: of one rig.
-        drift: RMS of drift and hum over that of the noise.
         stride: the force law is compared at every ``stride``-th sample.
         swap: motion channels that may have been swapped; None: searched for.
         gain_tolerance: (n_mesh,) of force sensors as given by the campaign; empty: none.
@@ -44,13 +43,12 @@ class RecordedGear:
     def __init__(
         self,
         runs: Sequence[PreparedRun],
-        drift: float = force_law.DRIFT_SHARE,
         stride: int = 1,
         swap: tuple[str, str] | None = None,
         gain_tolerance: Sequence[float] = (),
     ) -> None:
         self.model = runs[0].model
-        self.drift, self.stride = drift, stride
+        self.stride = stride
         self.gain_tolerance = tuple(gain_tolerance) or (0.0,) * self.model.layout.n_mesh
         self.runs = tuple(gear_run(run, stride) for run in runs)
         known = [np.isfinite(g.motion.F).all(axis=0) for g in self.runs]
@@ -189,14 +187,14 @@ class RecordedGear:
         if not self.means_known:
             return 0
         starts = [slice_run(g.run, slice(0, 64), g.run.name) for g in self.runs]
-        blocks = [consistency.block(start, fuse(start), self.drift, self.swap) for start in starts]
-        return max(0 if block is None else len(block.rows) for block in blocks)
+        blocks = [consistency.block(start, fuse(start), self.swap) for start in starts]
+        return max(0 if block is None else block.residual.shape[1] for block in blocks)
 
     @cached_property
     def relations(self) -> list[Block | None]:
         """Consistency block of every run as recorded; None for a run without rows."""
         n = self.n_relations
-        return [consistency.block(g.run, g.fused, self.drift, self.swap, n) for g in self.runs]
+        return [consistency.block(g.run, g.fused, self.swap, n) for g in self.runs]
 
     @cached_property
     def delta_T(self) -> Array:

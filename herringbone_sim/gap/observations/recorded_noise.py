@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.layout import PREFIX_UNITS
+from herringbone_sim.core.layout import PREFIX_UNITS, QUANTITIES
 from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import SLOW_HZ
@@ -53,27 +53,12 @@ def recorded_noise(runs: Sequence[GearRun], noise_known: bool) -> dict[str, Chan
         runs: fit runs.
         noise_known: whether the campaign gives the noise.
     """
-    noise_by_channel: dict[str, ChannelNoise] = {}
-    first = runs[0].run
-    layout = first.model.layout
-    for quantity, names in (
-        ("x", layout.meshes),
-        ("v", layout.meshes),
-        ("F", layout.meshes),
-        ("u", layout.bodies),
-        ("a", layout.bodies),
-    ):
-        for j, name in enumerate(names):
-            there = [g for g in runs if getattr(g.run, quantity).recorded[j]]
-            if there:
-                noise_by_channel[f"{quantity}_{name}"] = _channel_noise(
-                    there, quantity, j, noise_known
-                )
-    for j, planet in enumerate(layout.planets):
-        there = [g for g in runs if g.run.pin.recorded[j]]
-        if there:
-            noise_by_channel[f"F_pin{planet}"] = _channel_noise(there, "pin", j, noise_known)
-    return noise_by_channel
+    return {
+        name: _channel_noise(there, quantity, j, noise_known)
+        for quantity in QUANTITIES
+        for j, name in enumerate(runs[0].run.model.layout.channels_of(quantity))
+        if (there := [g for g in runs if getattr(g.run, quantity).recorded[j]])
+    }
 
 
 def _channel_noise(

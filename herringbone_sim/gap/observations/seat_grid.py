@@ -260,7 +260,7 @@ class PartTrial:
     ) -> Iterator[RowChange]:
         """Yield rows of the balance without and with forces ``more`` (n, k) [N] on meshes."""
         g = self.gear.runs[run.number]
-        look = window_of(g.run, self.gear.window_cycles)
+        look = window_of(g.run)
         whole = np.arange(len(g.motion.times))
         steps = np.arange(len(more)) * self.gear.stride
         forces = np.stack([np.interp(whole, steps, f) for f in more.T], axis=1)

@@ -16,8 +16,10 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.effect import Locus
+from herringbone_sim.gap.data.geometry import forces_to_coordinates
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
+from herringbone_sim.gap.observations.body_motion import control_wave
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import (
@@ -96,7 +98,7 @@ class Seat:
         if self.effect == "bearing_clearance":
             push = np.zeros(len(model.layout.bodies))
             push[2] = 1.0
-            weights[balance.NAME, f"{label} carrier"] = balance.accelerations(model) @ push
+            weights[balance.NAME, f"{label} carrier"] = forces_to_coordinates(model) @ push
             weights.update(
                 dict.fromkeys([(o, f"{label} carrier") for o in builder.window_observation], 1.0)
             )
@@ -127,7 +129,19 @@ class Seat:
         offsets: Array,
         slopes: bool,
     ) -> Displacements:
-        """Displacements of the meshes, by name of function; see ``changes.MovingPart``."""
+        """Return the displacements of the meshes by the part, by function name.
+
+        Args:
+            m: motion at equal, fine steps.
+            change: change of the law by all else: functions, and parts integrated before.
+            label: prefix of the names of its functions.
+            offsets: (p,) offsets of the logarithms of its parameters.
+            slopes: whether to compute derivatives by the parameters.
+
+        Returns:
+            The displacements under ``label``; with ``slopes``, their derivatives by the logarithm
+            of each parameter under ``LABEL NAME``.
+        """
         drive = PartDrive(model, self.locus, self.effect, m, change)
         names = self.names if slopes else ()
         tried = [offsets, *(offsets + DIFFERENCE_STEP * np.eye(len(offsets))[: len(names)])]
@@ -196,8 +210,9 @@ class PartDrive:
             self.meshes_mask = mask[None].astype(float)
             _, self._mass = pin_meshes(model, locus)
             self._under = s.M_c - self._mass
-            control = m.point["K"] * s.b_c * s.omega_n**2 * np.cos(m.phase) / s.cos_beta
-            rest = s.cos_beta * force[:, ~mask].sum(axis=1) + s.M_c * control
+            control = m.point["K"] * s.b_c * s.omega_n**2 / s.cos_beta * s.M_c
+            rest = s.cos_beta * force[:, ~mask].sum(axis=1)
+            rest += control * control_wave(model, m.phase)
             rest -= 2.0 * m.point["T_1"] / s.r_bs
         self.load = float(s.cos_beta * np.max(np.abs(force) @ self.meshes_mask.T))
         self._meshes = [

@@ -7,7 +7,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from herringbone_sim.core.layout import KINDS, SIDES, Layout
+from herringbone_sim.core.layout import KINDS, SIDES
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -28,9 +28,11 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     """Yield hypotheses of gain, bias, delay, clock and swap of force channels.
 
     Errors have opposite signs in force law and balance, and do not act in the balance on meshes
-    whose force comes from the law.
+    whose force comes from the law. None are yielded with windows, see ``window_sensor_errors``.
     """
     gear = builder.gear
+    if gear.uses_windows:
+        return
     layout, reach = gear.model.layout, inertia_parts(gear.model).sum(0)
     measured = np.flatnonzero(~gear.modelled)
     for effect, function, signal, sign, unit in (
@@ -39,7 +41,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         ("sensor_delay", "F delay", "slope", 1.0, 2e-6),
         ("clock_drift", "F clock", "clock", 1.0, 1e-3),
     ):
-        for locus in sensor_loci(layout):
+        for locus in known_effects()["sensor_gain"].candidates(layout):
             mask = locus.mask(layout) * gear.force_known
             if not mask.any():
                 continue
@@ -60,10 +62,7 @@ def force_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
         weights[balance.NAME, f"F of {i}"] = apart
         weights[balance.NAME, f"F of {j}"] = -apart
         names = (f"F_{layout.meshes[i]}", f"F_{layout.meshes[j]}")
-        coefficient = builder.coefficient(
-            "swap", weights, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
-        )
-        yield Hypothesis("channel_swap", (("channels", names),), Locus(), (coefficient,), 1)
+        yield _swap(builder, weights, names)
 
 
 def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -75,9 +74,9 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     if not gear.n_relations:
         return
     groups = groups_of(gear.model.layout, gear.recorded_motion)
-    for kind, effect in zip(consistency.ERROR_KINDS, MOTION_EFFECTS, strict=True):
+    for kind, effect in zip(consistency.ERROR_KINDS, PARAMETER_NAMES, strict=True):
         for group in groups:
-            if group.quantity == "xvu" or group.quantity not in gear.rms_by_quantity:
+            if group.quantity not in gear.rms_by_quantity:
                 continue
             scale = {
                 "gain": GAIN,
@@ -99,17 +98,7 @@ def motion_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
                 partly_screened=True,
             )
     if gear.swap is not None:
-        coefficient = builder.coefficient(
-            "swap", {(consistency.NAME, "swap"): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
-        )
-        yield Hypothesis(
-            "channel_swap",
-            (("channels", gear.swap),),
-            Locus(),
-            (coefficient,),
-            1,
-            partly_screened=True,
-        )
+        yield _swap(builder, {(consistency.NAME, "swap"): 1.0}, gear.swap, partly_screened=True)
 
 
 def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -121,11 +110,10 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     if not gear.uses_windows:
         return
-    layout, followed = gear.model.layout, gear.followed_channels
-    for name in followed.names:
-        quantity, _, place = name.partition("_")
-        planet = next((p for p in layout.planets if p in place), "all")
-        locus = Locus(_mesh_of(name), planet, _side_of(name))
+    followed = gear.followed_channels.names
+    for name in followed:
+        quantity = name.partition("_")[0]
+        locus = Locus(_mesh_of(name), _planet_of(name), _side_of(name))
         units = {"gain": GAIN, "delay": 2e-6}
         if quantity == "F" or (quantity == "u" and name not in gear.runs[0].run.detrended):
             alike = "pin" if name.startswith("F_pin") else quantity
@@ -136,7 +124,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             bound = LARGEST_GAIN if error == "gain" else np.inf
             coefficient = builder.coefficient(PARAMETER_NAMES[effect], weights, unit, bound)
             yield Hypothesis(effect, (("channels", (name,)),), locus, (coefficient,), 1)
-    for locus, names in _recorders(followed.names):
+    for locus, names in _recorders(followed):
         coefficient = builder.coefficient(
             "ppm", {(trajectory.NAME, f"clock of {name}"): 1.0 for name in names}, 1e-3
         )
@@ -144,10 +132,25 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     for f in gear.functions[trajectory.NAME]:
         if f.startswith(SWAP_PREFIX):
             pair = tuple(f.removeprefix(SWAP_PREFIX).split(" and "))
-            coefficient = builder.coefficient(
-                "swap", {(trajectory.NAME, f): 1.0}, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0
-            )
-            yield Hypothesis("channel_swap", (("channels", pair),), Locus(), (coefficient,), 1)
+            yield _swap(builder, {(trajectory.NAME, f): 1.0}, pair)
+
+
+def _swap(
+    builder: CoefficientBuilder,
+    weights: Weights,
+    names: tuple[str, ...],
+    partly_screened: bool = False,
+) -> Hypothesis:
+    """Hypothesis that channels ``names`` are swapped, which acts by ``weights``."""
+    coefficient = builder.coefficient("swap", weights, EXCHANGE_TOLERANCE, EXCHANGE_TOLERANCE, 1.0)
+    return Hypothesis(
+        "channel_swap",
+        (("channels", names),),
+        Locus(),
+        (coefficient,),
+        1,
+        partly_screened=partly_screened,
+    )
 
 
 def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
@@ -172,6 +175,11 @@ def _mesh_of(channel: str) -> str:
     return next((kind for kind in KINDS if channel[2:4] == kind), "all")
 
 
+def _planet_of(channel: str) -> str:
+    """Number of the planet that a channel belongs to, ``all`` for none."""
+    return "".join(filter(str.isdigit, channel)) or "all"
+
+
 def _side_of(channel: str) -> str:
     """Side that a channel belongs to, ``all`` for none."""
     return next((side for side in SIDES if channel.endswith(f"_{side}")), "all")
@@ -184,9 +192,3 @@ PARAMETER_NAMES = {
     "sensor_delay": "delay",
     "clock_drift": "ppm",
 }
-MOTION_EFFECTS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
-
-
-def sensor_loci(layout: Layout) -> tuple[Locus, ...]:
-    """Return every locus, from all meshes to a single one, at which sensors may share an error."""
-    return known_effects()["sensor_gain"].candidates(layout)

@@ -314,8 +314,6 @@ class Trajectory(ForcedWindows):
         self.last_elimination = states
         return Block(
             NAME,
-            s.run.name,
-            ("windows",),
             rows[:, :1],
             np.full((len(rows), 1), np.sqrt(share)),
             tuple(wanted),

@@ -7,13 +7,15 @@ d2u/dt2 = M^-1 (tau - G' F).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 
 
@@ -56,32 +58,18 @@ class WindowChannels:
 def window_channels(run: PreparedRun) -> WindowChannels:
     """All recorded rotations, mesh forces, pin forces and accelerations of a run."""
     layout = run.model.layout
-    bodies, meshes = np.eye(len(layout.bodies)), np.eye(layout.n_mesh)
-    kinds: tuple[tuple[str, str, Measured, Array], ...] = (
-        ("u", "u", run.u, bodies),
-        ("F", "F", run.F, meshes),
-        ("F", "pin", run.pin, pin_weights(layout)),
-        ("a", "a", run.a, bodies),
-    )
-    names: list[str] = []
-    parts: dict[str, list[Array]] = {"u": [], "F": [], "a": []}
-    values, sigma = [], []
-    for kind, quantity, m, weights in kinds:
-        for i in np.flatnonzero(m.recorded):
-            names.append(layout.channels_of(quantity)[i])
-            for q, of in parts.items():
-                of.append(
-                    weights[i] if q == kind else np.zeros(len(meshes if q == "F" else bodies))
-                )
-            values.append(m.values[:, i])
-            sigma.append(m.sigma[i])
+    each, n = np.eye(len(layout.bodies)), layout.n_mesh
+    forces = np.vstack([np.eye(n)[run.F.recorded], pin_weights(layout)[run.pin.recorded]])
+    whole = block_diag(each[run.u.recorded], forces, each[run.a.recorded])
+    of_u, of_F, of_a = np.split(whole, [len(each), len(each) + n], axis=1)
+    kinds = {"u": run.u, "F": run.F, "pin": run.pin, "a": run.a}
     return WindowChannels(
-        tuple(names),
-        np.array(parts["u"]),
-        np.array(parts["F"]),
-        np.array(parts["a"]),
-        np.stack(values, axis=1),
-        np.array(sigma),
+        tuple(c for q, m in kinds.items() for c in compress(layout.channels_of(q), m.recorded)),
+        of_u,
+        of_F,
+        of_a,
+        np.hstack([m.values[:, m.recorded] for m in kinds.values()]),
+        np.concatenate([m.sigma[m.recorded] for m in kinds.values()]),
     )
 
 

@@ -18,12 +18,12 @@ from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import body_loads
+from herringbone_sim.gap.observations.consistency import ERROR_KINDS
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.window_sensors import (
-    ERRORS,
     SWAP_PREFIX,
     error_columns,
     exchangeable,
@@ -41,7 +41,7 @@ def function_names(
         channels: names of the channels to which windows are fitted.
     """
     meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERRORS)]
+    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERROR_KINDS)]
     names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
@@ -77,8 +77,7 @@ def body_forces(
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase)
-    p = model.parameters
-    turn = p.z_s * p.z_r / (p.z_s + p.z_r)
+    turn = cycles_per_shaft_turn(model)["s"]
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
     for name in names:

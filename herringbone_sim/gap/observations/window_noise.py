@@ -36,7 +36,7 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
     largest = np.fmax.reduce([run.u.sigma for run in deciding(runs)])
 
     def learned(run: PreparedRun) -> PreparedRun:
-        rotations = tuple(f"u_{body}" for body in run.model.layout.bodies)
+        rotations = run.model.layout.channels_of("u")
         given = np.array([known and name not in run.detrended for name in rotations])
         sought = bool(np.any(run.u.recorded & ~given))
         if not known:
@@ -50,26 +50,21 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
         run = replace(run, u=run.u.with_noise(np.where(given, run.u.sigma, raised)))
         if known:
             return run
-        meshes = tuple(f"F_{mesh}" for mesh in run.model.layout.meshes)
-        pins = run.model.layout.channels_of("pin")
-        run = replace(
-            run, F=_lowered(run.F, meshes, residual_rms), pin=_lowered(run.pin, pins, residual_rms)
-        )
         _, samples, k = trajectory.recorded.measured.shape
-        if samples * k <= STATES:
-            return run
-        accelerations = tuple(f"a_{body}" for body in run.model.layout.bodies)
-        return replace(run, a=_lowered(run.a, accelerations, residual_rms))
+        for quantity in ("F", "pin", "a") if samples * k > STATES else ("F", "pin"):
+            run = _lowered(run, quantity, residual_rms)
+        return run
 
     return tuple(parallel_map(learned, runs))
 
 
-def _lowered(
-    channels: Measured, names: Sequence[str], residual_rms: Mapping[str, float]
-) -> Measured:
-    """Channels with noise lowered to the RMS residual ``residual_rms``, not below quantisation."""
+def _lowered(run: PreparedRun, quantity: str, residual_rms: Mapping[str, float]) -> PreparedRun:
+    """Run with the noise of a quantity lowered to ``residual_rms``, not below quantisation."""
+    channels: Measured = getattr(run, quantity)
+    names = run.model.layout.channels_of(quantity)
     lowered = np.fmin(channels.sigma, _of(names, residual_rms))
-    return channels.with_noise(at_least_quantisation(lowered, channels.values))
+    noise = at_least_quantisation(lowered, channels.values)
+    return run.with_measured(quantity, channels.with_noise(noise))
 
 
 def _of(names: Sequence[str], residual_rms: Mapping[str, float]) -> Array:

@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.gap.observations.consistency import ERROR_KINDS
 from herringbone_sim.gap.observations.shooting import WindowSolution
 from herringbone_sim.gap.observations.windows import Windows
 
 TINY = 1e-300  # avoids division by zero where there is no reading
 SWAP_PREFIX = "swap of "  # followed by ``A and B``; amplitude 0 or 1
-ERRORS = ("gain", "bias", "delay", "clock")
 
 
 def exchangeable(names: Sequence[str]) -> list[tuple[str, str]]:
@@ -37,13 +37,14 @@ def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
 
     Args:
         s: windows with the readings as recorded.
-        amplitudes: by ``gain of u_c`` and the like, with one of ``ERRORS`` and a channel of
+        amplitudes: by ``gain of u_c`` and the like, with one of ``ERROR_KINDS`` and a channel of
             ``s``: gain minus 1, bias in the unit of the channel, delay [s], relative error of the
             clock; 0 where there is no such name. Other names are ignored.
     """
     names = s.channels.names
     gain, bias, delay, clock = (
-        np.array([amplitudes.get(f"{error} of {name}", 0.0) for name in names]) for error in ERRORS
+        np.array([amplitudes.get(f"{error} of {name}", 0.0) for name in names])
+        for error in ERROR_KINDS
     )
     if not any(np.any(errors) for errors in (gain, bias, delay, clock)):
         return s
@@ -68,7 +69,7 @@ def error_columns(
     """
     columns = {}
     for i, name in enumerate(s.channels.names):
-        for error in ERRORS:
+        for error in ERROR_KINDS:
             if f"{error} of {name}" in names:
                 alone = np.zeros_like(s.weight)
                 alone[:, :, i] = s.weight[:, :, i] * _error_signal(s, solution, exact, i, error)

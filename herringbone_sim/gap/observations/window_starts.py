@@ -8,6 +8,7 @@ B. M. Bell and F. W. Cathey, IEEE Trans. Autom. Control 38, 294 (1993).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -49,34 +50,33 @@ def filter_and_fit(
         with_lead, forcing_with_lead: windows that begin earlier, so that the filter
             converges before those of ``s``, and their forcing.
     """
+
+    def tried(trends: Array, jump_sd: float) -> Iterator[WindowSolution]:
+        """Fits without ``trends`` from the best filtered starts; see ``Windows.jump_sd``."""
+        right = replace(with_lead.without_trends(trends), jump_sd=jump_sd)
+        starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+        starts = starts[:, with_lead.n_windows - s.n_windows :]
+        return (
+            fitted_windows(s, starts[i], forcing, trends=trends)
+            for i in np.argsort(cost)[:N_FITTED]
+        )
+
     fits: list[WindowSolution] = []
     trends = np.zeros(len(s.trends.size))
     lacking = not s.run.means_known or bool(s.run.model.packed.K and s.run.u.recorded.any())
     for _ in range(N_FILTERED if lacking else 1):
-        right = with_lead.without_trends(trends)
-        starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
-        starts = starts[:, with_lead.n_windows - s.n_windows :]
-        fits += [
-            fitted_windows(s, starts[i], forcing, trends=trends)
-            for i in np.argsort(cost)[:N_FITTED]
-        ]
+        fits += tried(trends, with_lead.jump_sd)
         trends = min(fits, key=lambda solution: solution.cost).trends
     usable = [fit for fit in fits if np.isfinite(fit.cost)] or fits[:1]
     best = min(usable, key=lambda solution: solution.cost)
     if not np.isfinite(best.cost) or not misses_much(s, best):
         return best
     for jump_sd in FILTER_JUMP_SD:
-        right = replace(with_lead.without_trends(trends), jump_sd=jump_sd)
         try:
-            starts, cost = filtered_starts(right, forcing_with_lead, initial_states(right))
+            more = tried(trends, jump_sd)
         except np.linalg.LinAlgError:
             continue
-        starts = starts[:, with_lead.n_windows - s.n_windows :]
-        tried = (
-            fitted_windows(s, starts[i], forcing, trends=trends)
-            for i in np.argsort(cost)[:N_FITTED]
-        )
-        usable += [fit for fit in tried if np.isfinite(fit.cost)]
+        usable += [fit for fit in more if np.isfinite(fit.cost)]
     usable = sorted(usable, key=lambda solution: solution.cost)[:N_LOOSE]
     again = (fitted_loosely_first(s, solution, forcing) for solution in usable)
     return min(again, key=lambda solution: solution.cost)

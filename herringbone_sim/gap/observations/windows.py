@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.body_motion import inverse_masses, shaft_rotations
+from herringbone_sim.gap.observations.body_motion import shaft_rotations
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
 from herringbone_sim.gap.observations.window_channels import (
     WindowChannels,

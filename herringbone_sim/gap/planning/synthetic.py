@@ -15,10 +15,10 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
 from herringbone_sim.gap.checks import FEWEST_CYCLES
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
-from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, mesh_table
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.observations.body_motion import body_loads, inverse_masses
+from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.window_channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
 
@@ -104,7 +104,7 @@ def simulate_campaign(
         _run(f"run_{i:02d}", nominal, point, sensors, noise, cycles, rng)
         for i, point in enumerate(points)
     )
-    return PreparedCampaign("plan", nominal, runs, mesh_table(nominal.layout), ())
+    return PreparedCampaign("plan", nominal, runs, ())
 
 
 def _run(

@@ -28,13 +28,10 @@ from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     HEAVIEST,
     LIGHTEST,
-    Calibration,
-    InertiaFactors,
     bounded_step,
     by_mesh,
     force_function,
     force_law,
-    names_at_bound,
 )
 
 SEED = 20  # of the noise realisation
@@ -74,7 +71,7 @@ def fused_noise(run: PreparedRun, rng: np.random.Generator) -> Fused:
         values = measured.sigma * rng.normal(size=measured.values.shape)
         return replace(measured, values=values)
 
-    silent = replace(run, waves=Waves(none, none, none, none))
+    silent = replace(run, waves=Waves(none, none, none))
     return fuse(replace(silent, x=drawn(run.x), v=drawn(run.v), u=drawn(run.u)))
 
 
@@ -83,7 +80,7 @@ def recalibrate_motion(
     fused: Sequence[Fused],
     rng: np.random.Generator,
     rounds: int = 4,
-) -> tuple[Calibration, InertiaFactors]:
+) -> tuple[Array, Array]:
     """Fit the factors on force law and inertias together to the motion of the fit runs.
 
     Factors stay inside their tolerances. Coordinates whose residual exceeds its noise are
@@ -94,6 +91,9 @@ def recalibrate_motion(
         fused: fused motion of each run.
         rng: for the realisations of the noise.
         rounds: Gauss-Newton steps.
+
+    Returns:
+        (6,) factors on k, c and e, and (3,) on 1/M_s, 1/M_p and 1/M_c.
     """
     chosen = [(r, f, fused_noise(r, rng)) for r, f in zip(runs, fused, strict=True)]
     chosen = [case for case in chosen if case[0].role == "fit"]
@@ -102,7 +102,6 @@ def recalibrate_motion(
     low[6:], high[6:] = 1.0 / HEAVIEST, 1.0 / LIGHTEST
     p = np.ones(9)
     prior = np.diag(3.0 / bounds**2)
-    normal: Array = prior
     for _ in range(rounds):
         normal, right = prior.copy(), prior @ (1.0 - p)
         for run, fused_motion, noise in chosen:
@@ -110,12 +109,7 @@ def recalibrate_motion(
             normal += J @ J.T
             right += J @ r
         p = p + bounded_step(normal, right, low - p, high - p + 1e-12)
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    masses = 1.0 / p[6:]
-    sigma = np.sqrt(np.diag(covariance)[6:]) * masses**2
-    return Calibration(p[:6], covariance[:6, :6], names_at_bound(p[:6])), InertiaFactors(
-        masses, sigma
-    )
+    return p[:6], p[6:]
 
 
 def _linearised(run: PreparedRun, fused: Fused, noise: Fused, p: Array) -> tuple[Array, Array]:

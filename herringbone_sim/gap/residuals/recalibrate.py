@@ -60,35 +60,6 @@ class ForceLaw:
         return np.asarray(np.where(self.contact > 0.5, np.where(self.x_m > 0.0, 2, 0), 1))
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """Fitted factors on nominal parameters.
-
-    Attributes:
-        factors: (6,) on k_sp, k_rp, c_sp, c_rp, e_sp, e_rp.
-        covariance: (6, 6) of the factors by noise and prior; bounds are ignored.
-        at_bound: names of the factors on a bound.
-    """
-
-    factors: Array
-    covariance: Array
-    at_bound: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class InertiaFactors:
-    """Fitted factors (3,) on M_s, M_p and M_c (I_ce), and their standard deviations (3,)."""
-
-    factors: Array
-    sigma: Array
-
-    @property
-    def inverse(self) -> Array:
-        """Factors (3,) on 1/M_s, 1/M_p and 1/M_c, as ``balance.torque_balance`` takes them."""
-        inverse: Array = 1.0 / self.factors
-        return inverse
-
-
 def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
     """Evaluate the force law on fused x and v of a run, and compare it with the measured forces.
 
@@ -129,10 +100,8 @@ def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
     return law
 
 
-def recalibrate(
-    runs: Sequence[PreparedRun], fused: Sequence[Fused], rounds: int = 5
-) -> Calibration:
-    """Fit the factors on k, c and e to the measured forces of the fit runs.
+def recalibrate(runs: Sequence[PreparedRun], fused: Sequence[Fused], rounds: int = 5) -> Array:
+    """Fit the factors (6,) on k, c and e, see ``NAMES``, to the measured forces of the fit runs.
 
     A mesh whose residual exceeds its noise in a run is down-weighted there, as if its noise were
     as large as the residual: an effect on one mesh does not bias the factors.
@@ -145,27 +114,19 @@ def recalibrate(
     factors = np.ones(6)
     chosen = [(r, f) for r, f in zip(runs, fused, strict=True) if r.role == "fit"]
     prior = np.diag(3.0 / BOUNDS**2)
-    normal: Array = prior
     for _ in range(rounds):
         parts = [_normal_equations(run, f, factors) for run, f in chosen]
         normal = prior + sum((part[0] for part in parts), np.zeros((6, 6)))
         right = prior @ (1.0 - factors) + sum((part[1] for part in parts), np.zeros(6))
         low, high = 1.0 - BOUNDS - factors - 1e-12, 1.0 + BOUNDS - factors + 1e-12
         factors = factors + bounded_step(normal, right, low, high)
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return Calibration(factors, covariance, names_at_bound(factors))
+    return factors
 
 
 def bounded_step(normal: Array, right: Array, low: Array, high: Array) -> Array:
     """Solve normal equations (p, p), (p,) for a step (p,) between bounds ``low`` and ``high``."""
     root = np.linalg.cholesky(normal).T
     return np.asarray(lsq_linear(root, np.linalg.solve(root.T, right), (low, high)).x)
-
-
-def names_at_bound(factors: Array) -> tuple[str, ...]:
-    """Return the names of those of the factors (6,) that lie on a bound of their tolerance."""
-    on = np.abs(factors - 1.0) > 0.999 * BOUNDS
-    return tuple(name for name, held in zip(NAMES, on, strict=True) if held)
 
 
 def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[Array, Array]:

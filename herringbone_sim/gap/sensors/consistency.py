@@ -28,7 +28,6 @@ from herringbone_sim.gap.residuals.fusion import (
 )
 
 CHANCE_SD = 3.0  # standard deviations; noise exceeds them once in 740 on one side
-KINDS = ("sensor_gain", "sensor_bias", "sensor_delay", "clock_drift")
 
 
 def consistency_chi2(
@@ -62,15 +61,11 @@ def _degrees_of_freedom(residual: Array, columns: Array) -> float:
     return float(len(residual) * rank)
 
 
-def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
-    """Return the change (n, J, 4) of each channel x, v, u by each kind of error (``KINDS``).
+def error_signals(run: PreparedRun, fused: Fused) -> Array:
+    """Return the change (n, J, 4) of each channel x, v, u by a unit of each kind of error.
 
-    It is 0 for channels that are not recorded.
-
-    Args:
-        run: the run.
-        scale: (J, 4) size of each error: relative, [SI], [s], relative.
-        fused: fused motion of the run.
+    Kinds are gain (relative), bias [SI], delay [s] and clock (relative). It is 0 for channels that
+    are not recorded. ``fused``: fused motion of the run.
     """
     B = bodies_to_coordinates(run.model)
     rigid = np.ones(B.shape[1])
@@ -88,7 +83,7 @@ def error_signals(run: PreparedRun, scale: Array, fused: Fused) -> Array:
     slope[:, :n] = y[:, n : 2 * n]
     kinds = [y, np.ones_like(y), -slope, -slope * run.times[:, None]]
     recorded = np.concatenate([run.x.recorded, run.v.recorded, run.u.recorded])
-    signals: Array = np.stack(kinds, axis=2) * scale * recorded[:, None]
+    signals: Array = np.stack(kinds, axis=2) * recorded[:, None]
     return signals
 
 
@@ -199,7 +194,7 @@ def _channel_derivatives(run: PreparedRun) -> Array:
         the order x, v, u); 0 for a channel that is not recorded, NaN in the row of a coordinate
         whose value or rate the channels don't determine.
     """
-    without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.recorded.size)),) * 4))
+    without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.recorded.size)),) * 3))
     n, nu = run.x.recorded.size, run.u.recorded.size
     place = np.eye(2 * n + nu)
 

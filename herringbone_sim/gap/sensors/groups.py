@@ -13,10 +13,10 @@ from herringbone_sim.core.layout import KINDS, SIDES, Layout
 
 @dataclass(frozen=True)
 class Group:
-    """Channels of one quantity (or of all) at a locus.
+    """Channels of one quantity at a locus.
 
     Attributes:
-        quantity: ``x``, ``v``, ``u`` or ``xvu``.
+        quantity: ``x``, ``v`` or ``u``.
         mesh: ``sp``, ``rp`` or ``all`` for x and v; ``s``, ``c``, ``p`` or ``all`` for u.
         planet: ``1`` ... or ``all``.
         side: ``L``, ``R`` or ``all``.
@@ -44,13 +44,11 @@ def groups_of(layout: Layout, there: Flags | None = None) -> list[Group]:
     groups: dict[bytes, Group] = {}
     sizes: dict[bytes, int] = {}
     for quantity, kind, planet, side in product(
-        ("x", "v", "u", "xvu"),
+        "xvu",
         ("all", *KINDS, "s", "c", "p"),
         ("all", *layout.planets),
         ("all", *SIDES),
     ):
-        if quantity == "xvu" and (kind, planet, side) != ("all", "all", "all"):
-            continue
         inside = np.array([_inside(n, quantity, kind, planet, side) for n in names])
         members, size = inside & there, int(inside.sum())
         key = members.tobytes()
@@ -70,7 +68,7 @@ def _inside(name: str, quantity: str, kind: str, planet: str, side: str) -> bool
     q, body, *where = name.split("_")
     number = body.lstrip("sprc")
     return (
-        q in quantity
+        q == quantity
         and kind in ("all", body.rstrip("0123456789"))
         and planet in ("all", number)
         and side in ("all", *where)

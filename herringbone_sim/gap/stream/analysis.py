@@ -168,9 +168,8 @@ def _force_law_residual(
         t_s: time of its last sample [s].
         remarks: remarks to which those on missing channels are added.
     """
-    calibration = recalibrate([run], [fused], ROUNDS)
     before = force_law(run, fused, np.ones(6))
-    law = force_law(run, fused, calibration.factors)
+    law = force_law(run, fused, recalibrate([run], [fused], ROUNDS))
     on = np.isfinite(law.residual_n).sum(axis=0) == len(run)
     names = tuple(m for m, there in zip(run.model.layout.meshes, on, strict=True) if there)
     missing = [m for m in run.model.layout.meshes if m not in names]
@@ -200,10 +199,10 @@ def _motion_residual(
 ) -> Residual:
     """Return the residual of the torque balance with forces of the law, by coordinate."""
     rng = np.random.default_rng(SEED)
-    calibration, inertias = recalibrate_motion([run], [fused], rng, 2)
+    factors, inverse_inertias = recalibrate_motion([run], [fused], rng, 2)
     noise = fused_noise(run, rng)
     before = motion_balance(run, fused, noise, np.ones(6), np.ones(3))
-    balance = motion_balance(run, fused, noise, calibration.factors, inertias.inverse)
+    balance = motion_balance(run, fused, noise, factors, inverse_inertias)
     n = len(balance.measured)
     unknown = "no forces: by accelerations a mesh can't be told from others on the same body"
     return Residual(

@@ -19,7 +19,6 @@ from herringbone_sim.gap.stream.stretch import (
     MotionStatistics,
     Residual,
     join,
-    join_motions,
     joinable,
     same_operating_point,
 )
@@ -199,7 +198,7 @@ class Comparison:
                 self._add(stream, series)
         joined = join(tuple(self._residuals)) if self._residuals else None
         rig, simulator = (
-            join_motions(tuple(self._motions[stream])) if self._motions[stream] else None
+            join(tuple(self._motions[stream])) if self._motions[stream] else None
             for stream in (self.rig, self.simulator)
         )
         result = ComparisonResult(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -120,22 +120,15 @@ class MotionStatistics:
         return np.asarray(self.contact / self.count, dtype=np.float64)
 
 
-def join(stretches: Sequence[Residual]) -> Residual:
-    """Add the sums of ``joinable`` stretches; point, time and remarks are those of the last."""
-    of_contact = ("contact_square", "contact_count")
-    sums = ("square", "nominal", "recalibrated", "floor", "signal", *of_contact)
-    added: dict[str, Any] = {n: np.sum([getattr(s, n) for s in stretches], axis=0) for n in sums}
-    return replace(stretches[-1], count=sum(s.count for s in stretches), **added)
+Stretch = TypeVar("Stretch", Residual, MotionStatistics)
 
 
-def join_motions(stretches: Sequence[MotionStatistics]) -> MotionStatistics:
-    """Add the sums of ``joinable`` stretches, at least one; the operating point is the last's."""
-    return replace(
-        stretches[-1],
-        count=sum(s.count for s in stretches),
-        force=np.sum([s.force for s in stretches], axis=0),
-        contact=np.sum([s.contact for s in stretches], axis=0),
-    )
+def join(stretches: Sequence[Stretch]) -> Stretch:
+    """Add the sums of ``joinable`` stretches, at least one; all else is that of the last."""
+    last = stretches[-1]
+    arrays = [f.name for f in fields(last) if isinstance(getattr(last, f.name), np.ndarray)]
+    added: dict[str, Any] = {n: np.sum([getattr(s, n) for s in stretches], axis=0) for n in arrays}
+    return replace(last, count=sum(s.count for s in stretches), **added)
 
 
 def joinable(new: Residual | MotionStatistics, old: Residual | MotionStatistics) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -116,7 +116,7 @@ def predict_run(
 def _recorded(
     runs: Sequence[PreparedRun], series: TimeSeries, model: Model, factors: Array
 ) -> PreparedRun:
-    """A simulated motion as a run with the channels of the fit runs; no noise is added.
+    """A simulated motion as a run with x, v, F and u of the fit runs; neither noise nor delay.
 
     Recorded x and v are relative to the nominal e(t), those of the simulation to the calibrated,
     which ``factors`` (6,) on k, c and e give; ``model`` is the nominal one.
@@ -126,9 +126,9 @@ def _recorded(
     w = waves(model, phase, omega)
     e = np.repeat(factors[4:6] - 1.0, layout.n_mesh // 2)
     x, v, force, u = (series.columns(layout.channels_of(q)) for q in "xvFu")
-    return replace(
-        runs[0],
+    return PreparedRun(
         name="predicted",
+        role=runs[0].role,
         point={name: getattr(model.parameters, name) for name in POINT},
         times=series.times - series.times[0],
         phase=phase.copy(),
@@ -136,6 +136,8 @@ def _recorded(
         v=_as_recorded(v + e * w.e_rate, [r.v for r in runs]),
         F=_as_recorded(force, [r.F for r in runs]),
         u=_as_recorded(u, [r.u for r in runs]),
+        a=_not_recorded(len(phase), len(layout.bodies)),
+        pin=_not_recorded(len(phase), len(layout.planets)),
         model=model,
         waves=w,
         recorded_point={},
@@ -151,3 +153,9 @@ def _as_recorded(values: Array, runs: Sequence[Measured]) -> Measured:
     share = np.median(shares, axis=0)
     sigma = share * np.sqrt(np.mean(values**2, axis=0))
     return Measured(np.where(there, values, np.nan), there, np.where(there, sigma, np.nan))
+
+
+def _not_recorded(n: int, channels: int) -> Measured:
+    """Values (n, channels) of channels that are not recorded."""
+    nothing = np.full((n, channels), np.nan)
+    return Measured(nothing, np.zeros(channels, dtype=bool), nothing[0])

@@ -1,8 +1,6 @@
-"""Locate the residual on the gear: fraction at each mesh, and its distribution by ``locate``."""
+"""Locate the residual on the gear: fraction at each mesh."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -11,12 +9,7 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.residuals.locate import Share, locate
-from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.verdict.decide import Verdict
-
-SEED = 21  # of the permutations
-PERMUTATIONS = 200
 
 
 def residual_by_mesh(
@@ -66,33 +59,3 @@ def _cause_probability(campaign: PreparedCampaign, verdict: Verdict) -> Array | 
         if on.any():
             total += verdict.probabilities[effect] * on / on.sum()
     return total
-
-
-def residual_structure(campaign: PreparedCampaign, calibrated: Calibrated) -> dict[str, Any]:
-    """Distribution of the residual of the calibrated force law in the fit runs, for the report.
-
-    Returns:
-        Empty without a force law. Else ``shares``: by what is varied (``Location.shares``), the
-        rows of ``_share``; ``teeth``: by member, the meshes where the residual repeats with its
-        revolution against the carrier; ``shaft_orders``: orders of the input shaft with which it
-        repeats, as text.
-    """
-    if calibrated.per_mesh is None:
-        return {}
-    cases = calibrated.cases
-    laws = [force_law(c.run, c.fused, calibrated.factors) for c in cases]
-    rng = np.random.default_rng(SEED)
-    located = locate([c.run for c in cases], laws, campaign.meshes, rng, PERMUTATIONS)
-    return {
-        "shares": {factor: _share(share) for factor, share in located.shares.items()},
-        "teeth": {
-            member: list(periodicity.beyond) for member, periodicity in located.teeth.items()
-        },
-        "shaft_orders": list(located.shaft.beyond),
-    }
-
-
-def _share(share: Share) -> list[dict[str, Any]]:
-    """Plain data of a share: for each value of its factor, name, share and reduced chi2."""
-    rows = zip(share.labels, share.share, share.reduced_chi2, strict=True)
-    return [{"at": at, "share": float(s), "chi2": float(c)} for at, s, c in rows]

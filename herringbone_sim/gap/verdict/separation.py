@@ -26,8 +26,7 @@ from herringbone_sim.gap.attribution.effect_forces import (
     step_of,
     with_law_forces,
 )
-from herringbone_sim.gap.attribution.effect_torques import masses
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates
+from herringbone_sim.gap.data.geometry import forces_to_coordinates
 from herringbone_sim.gap.residuals.balance import WIDTH as BALANCE_WIDTH
 from herringbone_sim.gap.residuals.balance import Balance, inertia_parts, torque_balance, window_of
 from herringbone_sim.gap.residuals.motion import WIDTH as MOTION_WIDTH
@@ -290,7 +289,7 @@ class _Bodies:
 def _bodies(case: FusedRun, explanation: ExplanationAtFit, motion: bool) -> _Bodies:
     """Predictor of accelerations for a run, linearised at the calibration of an explanation."""
     run, model = case.run, case.run.model
-    through = bodies_to_coordinates(model) / masses(model)
+    through = forces_to_coordinates(model)
     of_force = np.tensordot(explanation.inverse, inertia_parts(model), axes=1)
     if not motion:
         balance = torque_balance(run, case.fused)

@@ -148,9 +148,7 @@ def states_of_effects(
             rows = slice(before, start + 1)
             count = start + 1 - before
             recorded(
-                simulator.laws.kernel,
-                simulator.laws.site,
-                simulator.laws.theta,
+                *simulator.laws,
                 gear,
                 run.times[rows],
                 now[rows],

@@ -102,7 +102,9 @@ def measure_senses(
         other: model of the runner-up, as a control; None: there is none.
         say: called with a line of progress for each run.
     """
-    measured, unknown = [], []
+    nan = float("nan")
+    by_run: dict[str, _RunSenses] = {}
+    unknown = []
     for run in runs:
         say(f"{run.name}: prediction and attractor")
         corrected = correct(run)
@@ -110,48 +112,28 @@ def measure_senses(
         raw = fused if corrected is run else fuse(run)
         if fused.complete:
             raw = raw if raw.complete else fused
-            measured.append(_senses_of_run(run, corrected, raw, fused, model, other))
+            by_run[run.name] = _senses_of_run(run, corrected, raw, fused, model, other)
         else:
             unknown.append(run.name)
-            measured.append(_unknown_senses(run))
+            none = RunGap(run.name, run.role, nan, nan, nan)
+            by_run[run.name] = _RunSenses(none, none, nan, (nan, nan), {})
     names = ("measured", "floor", *MODELS[: 2 if other is None else 3])
+    reason = (
+        f"{', '.join(unknown)}: neither prediction nor attractor, for which x (or u) and v must "
+        "give every coordinate"
+    )
     return Senses(
         residual=residual,
-        prediction=Gap("prediction", tuple(run_senses.prediction for run_senses in measured)),
-        attractor=Gap("attractor", tuple(run_senses.attractor for run_senses in measured)),
-        horizon_cycles={
-            r.name: run_senses.horizon for r, run_senses in zip(runs, measured, strict=True)
-        },
-        exponents={
-            r.name: run_senses.exponent for r, run_senses in zip(runs, measured, strict=True)
-        },
+        prediction=Gap("prediction", tuple(s.prediction for s in by_run.values())),
+        attractor=Gap("attractor", tuple(s.attractor for s in by_run.values())),
+        horizon_cycles={n: s.horizon for n, s in by_run.items()},
+        exponents={n: s.exponent for n, s in by_run.items()},
         numbers={
-            name: {
-                r.name: run_senses.numbers[name]
-                for r, run_senses in zip(runs, measured, strict=True)
-                if name in run_senses.numbers
-            }
+            name: {n: s.numbers[name] for n, s in by_run.items() if name in s.numbers}
             for name in names
         },
-        unknown=_unknown_reasons(unknown),
+        unknown=(reason,) if unknown else (),
     )
-
-
-def _unknown_reasons(unknown: Sequence[str]) -> tuple[str, ...]:
-    """Return a sentence on the named runs without prediction and attractor; empty for no runs."""
-    if not unknown:
-        return ()
-    return (
-        f"{', '.join(unknown)}: neither prediction nor attractor, for which x (or u) and v must "
-        "give every coordinate",
-    )
-
-
-def _unknown_senses(run: PreparedRun) -> _RunSenses:
-    """Return NaN gaps for a run whose channels don't determine its motion."""
-    nan = float("nan")
-    none = RunGap(run.name, run.role, nan, nan, nan)
-    return _RunSenses(none, none, nan, (nan, nan), {})
 
 
 def _senses_of_run(

@@ -1,8 +1,7 @@
-"""Gaps and mesh forces as plain data for the report, and a check of such data."""
+"""Gaps and mesh forces as plain data for the report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
-from herringbone_sim.gap.verification.senses import SENSES, Senses
+from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.verify import Gap
 
 ROLE = "held_out"
@@ -84,21 +83,3 @@ def forces_to_dict(forces: ReconstructedForces | None) -> dict[str, Any]:
             for name, *row in zip(forces.meshes, *values, strict=True)
         },
     }
-
-
-def senses_errors(gap: Mapping[str, Any]) -> list[str]:
-    """Return violations of the report's format in ``senses`` of a gap; empty if there are none."""
-    senses = gap.get("senses")
-    if senses is None:
-        return []
-    errors = [f"senses lacks {name}" for name in SENSES if name not in senses]
-    runs = [run["path"] for run in gap["runs"]]
-    for name, sense in senses.items():
-        missing = {*NUMBERS, "metric", "unit", "runner_up", "runs"} - set(sense)
-        if missing:
-            errors.append(f"{name} lacks {', '.join(sorted(missing))}")
-        elif [run["path"] for run in sense["runs"]] != runs:
-            errors.append(f"{name} must have the same runs as the gap")
-    if "residual" in senses and any(senses["residual"].get(k) != gap[k] for k in NUMBERS):
-        errors.append("the residual among the senses must be the gap itself")
-    return errors

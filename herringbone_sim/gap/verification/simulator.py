@@ -99,9 +99,7 @@ class GearSimulator:
         now = np.array([0.0, p.Omega * self.model.scales.omega_n, p.delta_T, p.T_1, p.K])
         with pointers_allowed():
             roll(
-                self.laws.kernel,
-                self.laws.site,
-                self.laws.theta,
+                *self.laws,
                 self._gear,
                 of_one_type(self.model.packed),
                 self._si,
