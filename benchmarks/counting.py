@@ -24,7 +24,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.peers.problem import BOTH, Array, rig
+from benchmarks.peers.problem import BOTH, rig
+from herringbone_sim.arrays import Array
 from herringbone_sim.core import batch, orbit
 from herringbone_sim.core.lanes import run, series, switching
 from herringbone_sim.core.lanes.vector import LANES

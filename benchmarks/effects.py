@@ -24,9 +24,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.reference import Reference, in_si, integrate
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper, stepper
 from herringbone_sim.core.mirror import has_equal_halves
@@ -64,7 +64,6 @@ EFFECTS = (
 )
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
 CYCLES, VALUES, LENGTH = 20, 64, 100
-Array = NDArray[np.float64]
 
 
 OIL = "thermal_damping@sp:rate=-0.004"

@@ -24,7 +24,8 @@ import numpy as np
 from numba import njit
 
 from benchmarks.peers.measure import cpu_name, seconds, summary
-from benchmarks.peers.problem import BOTH, Array, at_rest, orbit_start, rig
+from benchmarks.peers.problem import BOTH, at_rest, orbit_start, rig
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.lanes.vector import LANES, fma, load, store

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.assemble import by_laws
 from herringbone_sim.effects.effect import Active
@@ -22,7 +22,6 @@ from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.run import forces_of_state, slope_of
 
-Array = NDArray[np.float64]
 PLAY = 2
 
 

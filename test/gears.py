@@ -1,15 +1,18 @@
-"""Gears for the tests of the model: the nominal rig, and one in which nothing is alike."""
+"""Gears for the tests: the nominal rig, the paper's, and one in which nothing is alike."""
 
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.recording.parameter_file import load_parameters
 
+PAPER = Path(__file__).resolve().parents[1] / "config" / "paper.yaml"
 UNEVEN = {
     "model": "full",
     "I_s_factor": (1.1, 0.95),
@@ -38,6 +41,13 @@ def make(**values):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         return build(Parameters(**values))
+
+
+def paper(**values):
+    """Model of the paper's gear with some values changed; it can't be assembled either."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return build(load_parameters(PAPER).changed(values))
 
 
 def samples(model, cycles, state=None):

@@ -21,7 +21,7 @@ class MapFlow:
     jacobian: object
     period: float = 1.0
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         if np.abs(y).max() > 1e6:
             raise DivergenceError("the map left the range")
         return self.value(y), tangents @ self.jacobian(y).T
@@ -103,7 +103,7 @@ class LinearOscillator:
         response = self.force / (1 - self.Omega**2 + 2j * self.damping * self.Omega)
         return np.array([response.real, (1j * self.Omega * response).real])
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         over = self.over_a_period
         return self.orbit + over @ (y - self.orbit), tangents @ over.T
 
@@ -122,7 +122,7 @@ class OneSidedOscillator:
         self.period = self.free.period
         self.amplitude = force / abs(1 - Omega**2 + 2j * damping * Omega)
 
-    def advance(self, y, tangents):
+    def advance(self, y, tangents, at=0):
         z, h = np.column_stack([y, tangents.T]), self.period / self.steps
         for i in range(self.steps):
             z = self._step(z, i * h, h)

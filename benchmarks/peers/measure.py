@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.peers.methods import OrbitMethod, SweepMethod
-from benchmarks.peers.problem import ORBIT_CYCLES, Array, orbit_end, spread_over
+from benchmarks.peers.problem import ORBIT_CYCLES, orbit_end, spread_over
 from herringbone_sim.analysis.periods import find_period
+from herringbone_sim.arrays import Array
 
 LEAST_RUN_S = 0.05
 MOST_CYCLES = 4000

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.peers.problem import Array
+from herringbone_sim.arrays import Array
 
 
 @dataclass(frozen=True)

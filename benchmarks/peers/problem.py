@@ -14,14 +14,12 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
-
-Array = NDArray[np.float64]
 
 PAPER = Path(__file__).parents[2] / "config" / "paper.yaml"
 ORBIT = {"xi": 0.07, "delta_T": 90.0}
@@ -181,7 +179,7 @@ def zero_start(model: Model) -> Array:
     return Stepper(model).start().y
 
 
-def spread_over(values: Array, n: int) -> NDArray[np.int64]:
+def spread_over(values: Array, n: int) -> Indices:
     """Indices of n values evenly spread, or of all."""
     n = min(n, len(values))
     return np.unique(np.linspace(0, len(values) - 1, n).round().astype(np.int64))

@@ -14,6 +14,7 @@ from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.errors import AnalysisError
 
 MAX_POINTS = 400
+LEAST_VALUES = 3
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class BifurcationDiagram:
 
 
 def bifurcation_diagram(
-    results: Sequence[SegmentResult], mesh: str | None = None, least_values: int = 3
+    results: Sequence[SegmentResult], mesh: str | None = None
 ) -> BifurcationDiagram:
     """Bifurcation diagram over the parameter with the most values, from analysed segments.
 
@@ -64,13 +65,12 @@ def bifurcation_diagram(
     Args:
         results: segments of one run, or of several.
         mesh: the mesh whose displacement is shown; the first by default.
-        least_values: smallest number of different values.
 
     Raises:
-        AnalysisError: no parameter takes enough values, or several differ from run to run.
+        AnalysisError: no parameter takes three values, or several differ from run to run.
     """
     used = [result for result in results if len(result.section)]
-    parameter, chosen = _one_parameter(used, least_values)
+    parameter, chosen = _one_parameter(used)
     mesh = mesh or chosen[0].motion.meshes[0]
     exponents = [(r.exponent.value, r.exponent.low, r.exponent.high) for r in chosen]
     points = tuple(_points(result, mesh) for result in chosen)
@@ -107,23 +107,21 @@ def _point_values(result: SegmentResult, parameter: str, count: int) -> Array:
     return np.full(count, result.segment.point[parameter])
 
 
-def _one_parameter(
-    results: Sequence[SegmentResult], least_values: int
-) -> tuple[str, list[SegmentResult]]:
+def _one_parameter(results: Sequence[SegmentResult]) -> tuple[str, list[SegmentResult]]:
     """Name of the parameter with the most values, and the segments in which only it differs."""
     keys = [{name: _key(name, value) for name, value in r.segment.point.items()} for r in results]
     names = list(dict.fromkeys(name for key in keys for name in key))
     counts = {name: len({key.get(name) for key in keys}) for name in names}
     parameter = max(names, key=lambda name: counts[name], default="")
-    if not parameter or counts[parameter] < least_values:
+    if not parameter or counts[parameter] < LEAST_VALUES:
         raise AnalysisError(
-            f"a bifurcation diagram needs {least_values} different values of one parameter, got "
+            f"a bifurcation diagram needs {LEAST_VALUES} different values of one parameter, got "
             f"{_list(counts)}: hand in a ramp, a staircase, or runs that differ in one parameter"
         )
     rests = [tuple(key.get(name) for name in names if name != parameter) for key in keys]
     commonest = Counter(rests).most_common(1)[0][0]
     chosen = [r for r, rest in zip(results, rests, strict=True) if rest == commonest]
-    if len({_key(parameter, r.segment.point[parameter]) for r in chosen}) < least_values:
+    if len({_key(parameter, r.segment.point[parameter]) for r in chosen}) < LEAST_VALUES:
         raise AnalysisError(
             f"several parameters differ at once ({_list(counts)}): hand in runs that differ in "
             "one parameter only"

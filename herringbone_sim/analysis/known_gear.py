@@ -13,12 +13,21 @@ from herringbone_sim.analysis.pipeline import Gear
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.integrate import largest_exponent
-from herringbone_sim.core.model import Model, build, initial_state, state, with_added_states
+from herringbone_sim.core.model import (
+    Model,
+    build,
+    by_kind,
+    initial_state,
+    state,
+    with_added_states,
+)
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import DivergenceError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS
+from herringbone_sim.recording.reader import ParameterChange
 
 LEAST_CYCLES, MOST_CYCLES, ALIGNING_CYCLES = 100, 600, 20
 FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
@@ -59,6 +68,34 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),))
     )
 
 
+def effect_texts(parameters: Mapping[str, Any], changes: Sequence[ParameterChange]) -> list[str]:
+    """Distinct sets of effects of a run as texts, in the order in which they came into force.
+
+    Args:
+        parameters: at the start of the run, by name.
+        changes: of parameters during the run.
+
+    Raises:
+        ParameterError: no such effect.
+    """
+    later = [str(c.values[EFFECTS]) for c in changes if EFFECTS in c.values]
+    written = (effects_text(read_effects(text)) for text in (parameters.get(EFFECTS), *later))
+    return list(dict.fromkeys(written))
+
+
+def numbers_of(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
+    """Numeric values of a change by parameter; a set of effects as its index in ``texts``."""
+    numbers = {
+        name: float(value)
+        for name, value in change.values.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool)
+    }
+    if EFFECTS in change.values:
+        written = effects_text(read_effects(change.values[EFFECTS]))
+        numbers[EFFECTS] = float(texts.index(written))
+    return numbers
+
+
 def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
     """Model without effects at an operating point: with its parameters and mesh frequency."""
     values = {name: point[name] for name in FROM_POINT if np.isfinite(point.get(name, np.nan))}
@@ -73,7 +110,7 @@ def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float
         half = model_at(p, point).half_backlash_m
     except ParameterError:
         return None
-    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
+    return by_kind(half)
 
 
 def _exponent(
@@ -83,8 +120,8 @@ def _exponent(
 
     The model starts from the first recorded state, so that of several coexisting motions the
     recorded one is measured, or its chaotic transient; from the initial state if a mesh is
-    missing or the phase of the section is not 0. After ``ALIGNING_CYCLES`` the other cycles of the
-    segment count, but at least 100 and at most 600.
+    missing. After ``ALIGNING_CYCLES`` the other cycles of the segment count, but at least 100 and
+    at most 600.
     """
     try:
         model = model_at(p, point)
@@ -100,10 +137,8 @@ def _exponent(
 
 
 def _recorded_state(model: Model, section: Section) -> Any:
-    """First section point as a state of the model; its initial state for other meshes or phase."""
-    if section.meshes != model.layout.meshes or section.phase != 0.0:
+    """First section point as a state of the model; its initial state for other meshes."""
+    if section.meshes != model.layout.meshes:
         return initial_state(model)
     scales = model.scales
-    return state(
-        model, section.x[0] / scales.b_c, section.v[0] / scales.velocity_m_per_s, section.phase
-    )
+    return state(model, section.x[0] / scales.b_c, section.v[0] / scales.velocity_m_per_s, 0.0)

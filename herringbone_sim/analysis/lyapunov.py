@@ -33,7 +33,6 @@ class Exponent:
         low, high: 90 % interval from a block bootstrap along the orbit. It covers the scatter
             along the orbit but not the bias of the local fits, which is towards low values: some
             per cent for a few hundred clean points, tens of per cent at a noise of 1 %.
-        steps: steps of the orbit used.
         reach: median distance of the farthest neighbour of a fit, divided by the RMS distance of
             two points of the orbit; the fits are local if it is much smaller than 1.
         reason: why there is no value, in words.
@@ -42,7 +41,6 @@ class Exponent:
     value: float
     low: float
     high: float
-    steps: int = 0
     reach: float = float("nan")
     reason: str = ""
 
@@ -159,4 +157,4 @@ def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exp
     draws = rng.integers(0, BLOCKS, (RESAMPLES, BLOCKS))
     resampled = sums[draws].sum(axis=1) / lengths[draws].sum(axis=1)
     low, high = np.quantile(resampled, [0.05, 0.95])
-    return Exponent(float(growth.mean()), float(low), float(high), len(growth), reach)
+    return Exponent(float(growth.mean()), float(low), float(high), reach)

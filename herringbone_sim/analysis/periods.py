@@ -25,13 +25,11 @@ class Period:
         residual: RMS distance of the section points from the centres of their ``value`` groups,
             per coordinate, in units of the scale; for an aperiodic motion the smallest of all
             periods tried.
-        threshold: largest residual of a periodic motion.
         reason: why ``value`` is 0 or None, in words; else empty.
     """
 
     value: int | None
     residual: float
-    threshold: float
     reason: str = ""
 
     @property
@@ -59,19 +57,19 @@ def find_period(
     largest = min(max_period, len(points) // MIN_REPEATS)
     if largest < 1:
         reason = f"{len(points)} cycles are too few: a period needs {MIN_REPEATS} repeats"
-        return Period(None, float("nan"), threshold, reason)
+        return Period(None, float("nan"), reason)
     residuals = [spread_of_repeats(points, p) for p in range(1, largest + 1)]
     fits = [p for p, residual in enumerate(residuals, start=1) if residual <= threshold]
     if not fits:
         nearest = int(np.argmin(residuals)) + 1
         reason = f"no repeat within {largest} cycles (nearest: P{nearest})"
         if largest < LEAST_LARGEST:
-            return Period(None, min(residuals), threshold, f"{reason}, and too short to look on")
-        return Period(0, min(residuals), threshold, reason)
+            return Period(None, min(residuals), f"{reason}, and too short to look on")
+        return Period(0, min(residuals), reason)
     period = fits[0]
     if _grows(points, period, noise):
-        return Period(0, residuals[period - 1], threshold, f"leaves a period of {period}")
-    return Period(period, residuals[period - 1], threshold)
+        return Period(0, residuals[period - 1], f"leaves a period of {period}")
+    return Period(period, residuals[period - 1])
 
 
 def spread_of_repeats(points: Array, period: int) -> float:

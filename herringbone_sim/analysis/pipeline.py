@@ -42,15 +42,11 @@ class Options:
         noise_share: RMS of the measurement noise as a fraction of the RMS of each channel; None =
             estimated from the top of the spectrum.
         max_period: largest period looked for, mesh cycles.
-        phase: phase of the stroboscopic section, rad.
-        seed: of the bootstrap of the exponent's interval.
     """
 
     transient_cycles: int | None = None
     noise_share: float | None = None
     max_period: int = MAX_PERIOD
-    phase: float = 0.0
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -177,13 +173,13 @@ def analyze_segment(
     """
     segment_motion = motion.rows(segment.start, segment.stop)
     scales = _scales(segment_motion)
-    noise = _noise(segment_motion, sample_noise, scales, options.phase)
-    section = stroboscopic_section(segment_motion, options.phase)
+    noise = _noise(segment_motion, sample_noise, scales)
+    section = stroboscopic_section(segment_motion)
     dropped, settled = _dropped(_points(section, scales), segment, options)
     section, settled_motion = section.after(dropped), _after(segment_motion, section, dropped)
     points = _points(section, scales)
     period = _period(points, segment, noise, options)
-    exponent = _exponent(points, segment, period, noise, options)
+    exponent = _exponent(points, segment, period, noise)
     spectrum = (
         amplitude_spectrum(settled_motion, period.value or 1)
         if settled_motion.cycles >= MIN_CYCLES
@@ -246,11 +242,9 @@ def _rms(data: Array) -> Array:
     return np.maximum(rms, 1e-300)
 
 
-def _noise(
-    motion: Motion, samples: tuple[Array, Array], scales: tuple[float, float], phase: float
-) -> float:
+def _noise(motion: Motion, samples: tuple[Array, Array], scales: tuple[float, float]) -> float:
     """RMS noise of the section points over all coordinates, in units of the scales."""
-    rms = section_noise(motion, samples, phase) / np.repeat(scales, len(samples[0]))
+    rms = section_noise(motion, samples) / np.repeat(scales, len(samples[0]))
     return float(np.sqrt(np.mean(rms**2)))
 
 
@@ -276,19 +270,17 @@ def _after(motion: Motion, section: Section, dropped: int) -> Motion:
 def _period(points: Array, segment: Segment, noise: float, options: Options) -> Period:
     """Period of the section points; none within a ramp."""
     if segment.ramp:
-        return Period(None, float("nan"), float("nan"), f"{segment.ramp} moves all the time")
+        return Period(None, float("nan"), f"{segment.ramp} moves all the time")
     return find_period(points, noise, options.max_period)
 
 
-def _exponent(
-    points: Array, segment: Segment, period: Period, noise: float, options: Options
-) -> Exponent:
+def _exponent(points: Array, segment: Segment, period: Period, noise: float) -> Exponent:
     """Largest exponent from the section points; none within a ramp or for a periodic motion."""
     if segment.ramp:
         return no_exponent(f"{segment.ramp} moves all the time")
     if period.value:
         return no_exponent(f"periodic (P{period.value}): neighbours differ by noise or rounding")
-    return largest_exponent(points, np.random.default_rng(options.seed), noise)
+    return largest_exponent(points, np.random.default_rng(0), noise)
 
 
 def _model_exponent(

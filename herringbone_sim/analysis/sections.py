@@ -1,4 +1,4 @@
-"""Stroboscopic section: the state at every passage of the mesh phase through one value."""
+"""Stroboscopic section: the state at every passage of the mesh phase through 0, modulo 2 pi."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SNAP = 1e-6  # cycles: a sample this close to the phase is the section point
 
 @dataclass(frozen=True)
 class Section:
-    """States at one mesh phase, one per cycle.
+    """States at mesh phase 0, one per cycle.
 
     Attributes:
         cycles: (m,) number of the cycle, counted by the phase channel.
@@ -23,7 +23,6 @@ class Section:
         x: (m, k) relative displacements, m.
         v: (m, k) relative velocities, m/s.
         meshes: k names such as ``sp_L``.
-        phase: of the section, rad.
     """
 
     cycles: Indices
@@ -31,7 +30,6 @@ class Section:
     x: Array
     v: Array
     meshes: tuple[str, ...]
-    phase: float = 0.0
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -44,21 +42,20 @@ class Section:
             self.x[dropped:],
             self.v[dropped:],
             self.meshes,
-            self.phase,
         )
 
 
-def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
-    """Interpolate the state (x, v) at every passage of ``phase`` [rad], modulo 2 pi.
+def stroboscopic_section(motion: Motion) -> Section:
+    """Interpolate the state (x, v) at every passage of phase 0, modulo 2 pi.
 
-    A sample within 1e-6 cycles of the phase is used as it is. Between two samples x is the cubic
+    A sample within 1e-6 cycles of it is used as it is. Between two samples x is the cubic
     Hermite polynomial with the slopes v, and v the cubic with its central differences as slopes.
     The motion may begin at any phase. A single sample gives an empty section.
     """
     if len(motion) < 2:
         none = np.zeros(0, dtype=np.int64)
-        return Section(none, motion.times[:0], motion.x[:0], motion.v[:0], motion.meshes, phase)
-    turns = motion.turns - phase / (2 * np.pi)
+        return Section(none, motion.times[:0], motion.x[:0], motion.v[:0], motion.meshes)
+    turns = motion.turns
     cycles = np.arange(np.ceil(turns[0] - SNAP), np.floor(turns[-1] + SNAP) + 1).astype(np.int64)
     right = np.clip(np.searchsorted(turns, cycles), 1, len(turns) - 1)
     left = right - 1
@@ -68,14 +65,13 @@ def stroboscopic_section(motion: Motion, phase: float = 0.0) -> Section:
     return Section(
         cycles,
         times + share * step,
-        _cubic(motion.x[left], motion.x[right], motion.v[left], motion.v[right], share, step),
-        _cubic(motion.v[left], motion.v[right], slopes[0], slopes[1], share, step),
+        cubic(motion.x[left], motion.x[right], motion.v[left], motion.v[right], share, step),
+        cubic(motion.v[left], motion.v[right], slopes[0], slopes[1], share, step),
         motion.meshes,
-        phase,
     )
 
 
-def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0) -> Array:
+def section_noise(motion: Motion, noise: tuple[Array, Array]) -> Array:
     """RMS noise (2 k,) of section points, x [m] then v [m/s], from that of the samples.
 
     Interpolation averages neighbours, which removes up to a third of the noise. The noise of the
@@ -84,11 +80,10 @@ def section_noise(motion: Motion, noise: tuple[Array, Array], phase: float = 0.0
     Args:
         motion: whose times and phases are used.
         noise: RMS of the samples, (k,) for x [m] and (k,) for v [m/s].
-        phase: of the section [rad].
     """
     if len(motion) < 2:
         return np.concatenate(noise)
-    turns = motion.turns - phase / (2 * np.pi)
+    turns = motion.turns
     start = np.ceil(turns[0] - SNAP)
     right = int(np.clip(np.searchsorted(turns, start), 1, len(turns) - 1))
     u = float(np.clip((start - turns[right - 1]) / (turns[right] - turns[right - 1]), 0, 1))
@@ -110,7 +105,7 @@ def _shares(
     Positions within ``SNAP`` cycles of a sample are set to 0 or 1.
 
     Args:
-        turns: (n,) phase of the samples in cycles, relative to that of the section.
+        turns: (n,) phase of the samples in cycles.
         cycles: (m,) whole numbers at which the passages lie.
         left, right: (m,) indices of the samples around each passage.
     """
@@ -127,7 +122,7 @@ def _central_differences(motion: Motion, rows: NDArray[np.intp]) -> Array:
     return slopes
 
 
-def _cubic(
+def cubic(
     left: Array, right: Array, slope_left: Array, slope_right: Array, share: Array, step: Array
 ) -> Array:
     """Cubic Hermite interpolation of values (m, k) at ``share`` (m,) of steps (m,)."""

@@ -23,13 +23,11 @@ class Spectrum:
         orders: (n,) frequency in units of the mesh frequency.
         amplitudes: (n, k) amplitude of a sine at that order, m; RMS over the blocks.
         meshes: k names such as ``sp_L``.
-        block_cycles: mesh cycles in one block, the inverse of the resolution.
     """
 
     orders: Array
     amplitudes: Array
     meshes: tuple[str, ...]
-    block_cycles: int
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ def amplitude_spectrum(motion: Motion, period: int = 1) -> Spectrum:
     lines = scipy.fft.rfft(blocks * window[:, None], axis=1)
     amplitudes = 2 / window.sum() * np.sqrt(np.mean(np.abs(lines) ** 2, axis=0))
     orders = np.arange(len(amplitudes)) * motion.samples_per_cycle / size
-    return Spectrum(orders, amplitudes, motion.meshes, cycles)
+    return Spectrum(orders, amplitudes, motion.meshes)
 
 
 def _evenly_in_phase(motion: Motion) -> Array:

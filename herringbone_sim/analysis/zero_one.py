@@ -35,9 +35,7 @@ class ZeroOne:
     correlations: Array
 
 
-def zero_one_test(
-    series: Array, rng: np.random.Generator, frequencies: int = FREQUENCIES
-) -> ZeroOne:
+def zero_one_test(series: Array, rng: np.random.Generator) -> ZeroOne:
     """Test a scalar series for chaos by the 0-1 test.
 
     Sample once a mesh cycle: a series sampled much faster than it changes looks regular (K near 0)
@@ -47,7 +45,6 @@ def zero_one_test(
     Args:
         series: (n,) at equal intervals, n at least 300, better 1000.
         rng: draws the frequencies c from pi/5 .. 4 pi/5, away from resonances with the sampling.
-        frequencies: number of frequencies.
 
     Raises:
         AnalysisError: the series is too short or not finite.
@@ -58,9 +55,9 @@ def zero_one_test(
             f"the 0-1 test needs one finite series of {LEAST} values or more, got shape "
             f"{phi.shape}: record longer"
         )
-    c = rng.uniform(LOW, HIGH, frequencies)
+    c = rng.uniform(LOW, HIGH, FREQUENCIES)
     if np.ptp(phi) <= 1e-9 * max(1.0, float(np.abs(phi).max())):
-        return ZeroOne(0.0, c, np.zeros(frequencies))
+        return ZeroOne(0.0, c, np.zeros(FREQUENCIES))
     correlations = _correlations(phi, c)
     return ZeroOne(float(np.median(correlations)), c, correlations)
 

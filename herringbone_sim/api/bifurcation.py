@@ -15,7 +15,7 @@ from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.sweeps.diagram import Branch, Diagram, diagram_of
+from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import (
     STARTS,
@@ -60,7 +60,7 @@ class Bifurcation(NotebookResult):
         return f"bifurcation over {axis.name}, {len(axis)} values from {ends}"
 
     def facts(self) -> list[tuple[str, str]]:
-        facts = [(branch.start, _period_shares(branch)) for branch in self.diagram.branches]
+        facts = [(branch.start, period_shares(branch.period)) for branch in self.diagram.branches]
         if len(facts) > 1:
             apart = int(self.diagram.hysteresis().sum())
             facts.append(("different motions by different ways", f"{apart} values"))
@@ -84,19 +84,6 @@ class Bifurcation(NotebookResult):
         starts = np.repeat([branch.start for branch in self.diagram.branches], len(self.values))
         axis = columns.pop("values")
         return data_frame({self.diagram.axis.name: axis, "start": starts, **columns})
-
-
-def _period_shares(branch: Branch) -> str:
-    """Fraction of the values by period, as text ``P1 60.0%, aperiodic 38.5%``, largest first.
-
-    Failed values count in the total, but are not listed.
-    """
-    known = branch.period[np.isfinite(branch.period)]
-    values, counts = np.unique(known, return_counts=True)
-    pairs = sorted(zip(counts / len(branch.period), values, strict=True), reverse=True)
-    return ", ".join(
-        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}" for share, value in pairs
-    )
 
 
 def _is_number(name: str) -> bool:

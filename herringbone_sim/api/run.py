@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from herringbone_sim.analysis.known_gear import gear_of
+from herringbone_sim.analysis.known_gear import effect_texts, gear_of, numbers_of
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.api.gear import Gear, any_gear, model_of
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame, library
@@ -16,6 +16,8 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.written import read_effects
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure
@@ -56,19 +58,20 @@ class Run(NotebookResult):
 
         Raises:
             AnalysisError: the run has no phase or no displacement, or is too short.
+            ParameterError: no gear can have the recorded parameters, or no such effect.
         """
-        numbers = [
-            (
-                change.t_s,
-                {k: float(v) for k, v in change.values.items() if isinstance(v, (int, float))},
-            )
-            for change in self.changes
-        ]
+        numbers = [(change.t_s, numbers_of(change, self._effects)) for change in self.changes]
         return analyze_series(self.samples, numbers, Options(), self._gear)
 
     @cached_property
+    def _effects(self) -> list[str]:
+        return effect_texts(self.parameters, self.changes)
+
+    @cached_property
     def _gear(self) -> Any:
-        return gear_of(self.parameters, with_model=False)
+        # Sets of effects are numbered at the operating points only where they change.
+        sets = [read_effects(text) for text in self._effects] if len(self._effects) > 1 else [()]
+        return gear_of(self.parameters, with_model=False, sets=sets)
 
     def to_pandas(self) -> Any:
         """All channels [SI] as columns of a ``pandas.DataFrame``, with the time [s] as its index.
@@ -117,7 +120,7 @@ class Run(NotebookResult):
             segment: index into ``segments``; the last by default.
         """
         result = self.segments[segment]
-        scale = Scale(self._gear.b_c_m, self._gear.omega_n)
+        scale = Scale.of(self._gear.b_c_m, self._gear.omega_n)
         return Picture(motion_figure(result, mesh or result.motion.meshes[0], scale))
 
 
@@ -140,9 +143,14 @@ def simulate(
         changes: parameters by name, as ``delta_T=20.0``.
 
     Raises:
-        ParameterError: a value out of range, or no such effect.
+        ParameterError: a value out of range, no such effect, or a recorded run as ``start``.
         DivergenceError: the motion diverges.
     """
+    if start is not None and start.end is None:
+        raise ParameterError(
+            f"start must be a run of simulate, got the recording {start.name}: it holds no state "
+            "to go on from"
+        )
     model = model_of(gear, effects, changes)
     samples, end = integrate.simulate(model, cycles, None if start is None else start.end)
     name = ", ".join(f"{name} {value}" for name, value in changes.items())

@@ -25,15 +25,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
-from herringbone_sim.analysis.known_gear import gear_of
+from herringbone_sim.analysis.known_gear import effect_texts, gear_of, numbers_of
 from herringbone_sim.analysis.motion import with_phase
 from herringbone_sim.analysis.pipeline import Options as Settings
 from herringbone_sim.analysis.pipeline import SegmentResult, analyze_series
 from herringbone_sim.cli.options import Count, Cycles, File, Mesh, Out, flattened, limits
-from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, values_of_gear
-from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
+from herringbone_sim.recording.parameter_file import load_gear, values_of_gear
+from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.views.figures.style import Scale
 from herringbone_sim.views.pages.html import number
 from herringbone_sim.views.pages.output import write_diagram, write_run
@@ -127,14 +127,14 @@ def _analyse(path: Path, name: str, folder: Path, options: Options) -> Analysed:
     if options.mesh_frequency is not None and "phase" not in series:
         series = with_phase(series, options.mesh_frequency)
     parameters = _parameters(recording, options.parameters)
-    texts = _effects(recording, parameters)
+    texts = effect_texts(parameters, recording.changes)
     sets = [read_effects(text) for text in texts]
     gear = gear_of(parameters, with_model=not options.no_model, sets=sets)
     settings = Settings(options.transient, options.noise, max_period=options.max_period)
-    changes = [(change.t_s, _numbers(change, texts)) for change in recording.changes]
+    changes = [(change.t_s, numbers_of(change, texts)) for change in recording.changes]
     results = analyze_series(series, changes, settings, gear, _progress(name))
     mesh = _mesh(options.mesh, results)
-    scale = Scale(gear.b_c_m, gear.omega_n)
+    scale = Scale.of(gear.b_c_m, gear.omega_n)
     facts = [*_facts(recording, results), *_effect_lines(texts)]
     write_run(folder, Report(name, facts, results, recording.notes), mesh, scale)
     # Only sections are needed from here on; the samples of many runs would fill the memory.
@@ -148,30 +148,10 @@ def _parameters(recording: Recording, path: Path | None) -> Mapping[str, Any]:
     return recording.channels.parameters
 
 
-def _effects(recording: Recording, parameters: Mapping[str, Any]) -> list[str]:
-    """Distinct sets of effects of a run as texts, in the order in which they came into force."""
-    later = [str(c.values[EFFECTS]) for c in recording.changes if EFFECTS in c.values]
-    written = (effects_text(read_effects(text)) for text in (parameters.get(EFFECTS), *later))
-    return list(dict.fromkeys(written))
-
-
 def _effect_lines(texts: Sequence[str]) -> list[str]:
     if texts == [""]:
         return []
     return [f"effects {number}: {text or 'none'}" for number, text in enumerate(texts)]
-
-
-def _numbers(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
-    """Numeric values of a change by parameter; a set of effects as its index in ``texts``."""
-    numbers = {
-        name: float(value)
-        for name, value in change.values.items()
-        if isinstance(value, (int, float)) and not isinstance(value, bool)
-    }
-    if EFFECTS in change.values:
-        written = effects_text(read_effects(change.values[EFFECTS]))
-        numbers[EFFECTS] = float(texts.index(written))
-    return numbers
 
 
 def _mesh(name: str | None, results: Sequence[SegmentResult]) -> str:
@@ -242,8 +222,11 @@ def _folder_names(paths: Sequence[Path]) -> list[str]:
     names: list[str] = []
     for path in paths:
         stem = path.stem if path.suffix == ".mcap" else Path(os.path.abspath(path)).name
-        count = sum(name == stem or name.startswith(f"{stem}~") for name in names)
-        names.append(f"{stem}~{count + 1}" if count else stem)
+        name, number = stem, 1
+        while name in names:
+            number += 1
+            name = f"{stem}~{number}"
+        names.append(name)
     return names
 
 

@@ -7,6 +7,7 @@ Nothing is diagnosed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,8 +17,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.data.screen import finding_texts
-from herringbone_sim.gap.feasible import FeasibleObservations, feasible_observations
+from herringbone_sim.gap.data.screen import Finding, finding_texts
+from herringbone_sim.gap.feasible import feasible_observations
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks
@@ -51,7 +52,7 @@ def run(
     file = nominal or (beside if beside.is_file() else None)
     prepared = prepare(campaign, load_parameters(file) if file else Parameters())
     print(table(campaign, prepared))
-    print(verdict(feasible_observations(prepared)))
+    print(verdict(*feasible_observations(prepared)))
     return 0
 
 
@@ -76,15 +77,15 @@ def _line(run: PreparedRun, path: Path) -> str:
     ).rstrip()
 
 
-def verdict(content: FeasibleObservations) -> str:
+def verdict(observations: Sequence[str], findings: Sequence[Finding]) -> str:
     """Text with a line per observation (whether it can be formed) and per finding."""
     lines = [
         f"{name}: "
-        + ("can be formed" if name in content.observations else f"not formed, it needs {needs}")
+        + ("can be formed" if name in observations else f"not formed, it needs {needs}")
         for name, needs in NEEDS.items()
     ]
-    if not content.observations:
+    if not observations:
         lines.append("a diagnosis of this campaign would name nothing")
-    faults = finding_texts([f for f in content.findings if not f.limit])
+    faults = finding_texts([f for f in findings if not f.limit])
     wrong = [f"to look at: {text}" for text in faults]
-    return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in content.findings if f.limit)])
+    return "\n".join([*lines, *wrong, *(f"open: {f.text}" for f in findings if f.limit)])

@@ -10,7 +10,7 @@ realisation, the order in shape. All other parameters are those of the gear.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from tqdm import tqdm
 
@@ -56,18 +56,8 @@ def run(
     print_gear_notes(build_with(base, actives))
     for part in only or PARTS:
         with tqdm(desc=part, unit="run", total=0, disable=None) as bar:
-            runner = MotionRunner(out / "data", workers, _planner(bar), bar.update, actives)
+            runner = MotionRunner(out / "data", workers, bar, actives)
             lines = PARTS[part](runner, base, QUICK if quick else FULL, out)
         print("\n".join([part, *(f"  {line}" for line in lines)]))
     print(f"written: {out}")
     return 0
-
-
-def _planner(bar: Any) -> Any:
-    """Callback that adds a number of runs to the total of a progress bar."""
-
-    def planned(runs: int) -> None:
-        bar.total += runs
-        bar.refresh()
-
-    return planned

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import starmap
 from typing import Annotated
@@ -36,13 +36,12 @@ from herringbone_sim.gap.planning.summary import (
     place_text,
     plan_to_dict,
     sensors_text,
-    size_reduction,
 )
 from herringbone_sim.gap.planning.synthetic import SensorNoise, check_sensors
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.rig import POINTS
 from herringbone_sim.sweeps.output import make_folder
-from herringbone_sim.views.pages.plan import size, write_plan_page
+from herringbone_sim.views.pages.plan import by_gain, size, write_plan_page
 
 EXAMPLES = """\
 python -m herringbone_sim gap plan --nominal config/rig.yaml --sensors u_s_L,u_s_R,u_c \\
@@ -192,12 +191,7 @@ def table(plan: Plan) -> str:
 def also_table(base: Plan, further: Mapping[str, Plan]) -> str:
     """Text with a line per additional sensor on its benefit, the most useful sensor first."""
     now = f"{named_effects(base)} of {len(base.effects)} effects are named at a moderate size"
-    return "\n".join([f"{now}; one further sensor:", *starmap(also_line, _by_gain(base, further))])
-
-
-def _by_gain(base: Plan, further: Mapping[str, Plan]) -> Sequence[tuple[str, Plan, float]]:
-    every = [(name, plan, size_reduction(base, plan)) for name, plan in further.items()]
-    return sorted(every, key=lambda entry: (-named_effects(entry[1]), -entry[2]))
+    return "\n".join([f"{now}; one further sensor:", *starmap(also_line, by_gain(base, further))])
 
 
 def also_line(name: str, plan: Plan, factor: float) -> str:

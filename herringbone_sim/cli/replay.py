@@ -17,7 +17,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from herringbone_sim.cli.arguments import Alone
-from herringbone_sim.cli.options import Run, limits, one_of
+from herringbone_sim.cli.options import NO_ROS, Run, limits, one_of
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.replay import verify as verify_recording
@@ -63,8 +63,8 @@ def run(
     """Integrate a recorded run again and compare it, or publish it over ROS topics.
 
     Returns:
-        Exit code: 0; 1 if the repetition differs from the recording; 128 plus the number of the
-        signal that ended the publishing.
+        Exit code: 0; 1 if the repetition differs from the recording; 2 to publish without ROS;
+        128 plus the number of the signal that ended the publishing.
     """
     given = [
         field.name for field in fields(sending) if getattr(sending, field.name) != field.default
@@ -79,8 +79,11 @@ def run(
 
 
 def _publish(recording: Recording, sending: Sending) -> int:
-    from herringbone_sim.ros.replay import Playing, publish
-
+    try:
+        from herringbone_sim.ros.replay import Playing, publish
+    except ImportError as error:
+        print(NO_ROS.format(error=error))
+        return 2
     playing = Playing(sending.speed, sending.start, sending.loop, sending.clock or 0.0)
     sent = publish(recording, playing, sending.node_name)
     ended = f"; ended by {signal.Signals(sent.signal).name}" if sent.signal else ""

@@ -79,8 +79,8 @@ def run(
     reading = Reading(base, xi, effects_from(effects, of_file))
     print_gear_notes(build_with(base, reading.effects))
     make_folder(out / "figures")
-    with tqdm(total=_total(scenarios, sizes), unit="run", disable=None, smoothing=0.05) as bar:
-        runner = BatchRunner(out / "data", workers, bar.update)
+    with tqdm(total=0, unit="run", disable=None, smoothing=0.05) as bar:
+        runner = BatchRunner(out / "data", workers, bar)
         sweeps = reproduction.sweeps(runner, scenarios, reading, sizes.values)
         points = reproduction.points(runner, scenarios, reading)
         evidence = {
@@ -100,15 +100,6 @@ def run(
     for line in (*_table(checked), *facts, f"written: {out / 'index.html'}"):
         print(line)
     return 0
-
-
-def _total(scenarios: Sequence[Scenario], sizes: SweepSizes) -> int:
-    """Largest number of simulations, for the progress bar."""
-    each = sizes.values
-    if sizes.compared:
-        each += reproduction.compared_runs(sizes.compared)
-    bisected = sum(map(reproduction.bisected_runs, scenarios))
-    return len(scenarios) * each + bisected + reproduction.point_runs(scenarios)
 
 
 def _facts(file: str, values: int, reading: Reading, checked: Sequence[Checked]) -> list[str]:
@@ -195,7 +186,7 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
     statement, name = point.statement, file_name(point.statement.figure)
     result = recorded(point)
     s = scales(point.parameters)
-    figure = figures.motion_figure(result, "sp_L", Scale(s.b_c, s.omega_n))
+    figure = figures.motion_figure(result, "sp_L", Scale.of(s.b_c, s.omega_n))
     obtained = f"{motion_name(point.motion)}, largest exponent {point.exponent:+.4f}"
     title = f"{statement.text}.  Obtained: {obtained}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)

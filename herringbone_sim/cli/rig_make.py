@@ -8,7 +8,9 @@ stand as channels=F_sp1_L+F_sp2_L. `rig effects` lists all.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from herringbone_sim.cli.options import Count, File, Folder, Names, flattened, limits
@@ -73,9 +75,10 @@ def run(*, options: Options) -> int:
         raise ParameterError("either --hidden or effects of one's own: leave one out")
     if options.hidden:
         actives = hidden_effects(options.seed, build(nominal))
-    name, place = out.name, out.absolute()
-    labels = options.labels or place.parent / "labels"
-    if place in (labels.absolute(), *labels.absolute().parents):
+    place = Path(os.path.abspath(out))
+    name, labels = place.name, options.labels or place.parent / "labels"
+    of_labels = Path(os.path.abspath(labels))
+    if place in (of_labels, *of_labels.parents):
         raise RecordingError(f"labels must lie outside the campaign, got {labels}: set --labels")
     plan = RigPlan(
         nominal=nominal,

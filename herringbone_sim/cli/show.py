@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Annotated
 
 from herringbone_sim.cli.arguments import Alone
-from herringbone_sim.cli.options import Count, Cycles, Mesh, Run, flattened, one_of
+from herringbone_sim.cli.options import Count, Cycles, Mesh, Run, flattened, limits, one_of
 from herringbone_sim.errors import HerringboneError, ParameterError
 
 EXAMPLES = """\
@@ -53,7 +53,7 @@ class Options:
         bool, "scale and backlash of the nominal rig when the recording has no parameters"
     ] = False
     burst: Annotated[Cycles, "mesh cycles of a block at full rate"] = 20
-    blocks: Annotated[Count, "largest number of blocks"] = 400
+    blocks: Annotated[Count, limits(gte=1), "largest number of blocks"] = 400
 
 
 def run(run: Run, /, *, options: Options = Options()) -> int:

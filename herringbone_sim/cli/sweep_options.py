@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-import numpy as np
-
 from herringbone_sim.analysis.periods import MIN_REPEATS
 from herringbone_sim.cli.options import Count, Cycles, Scheduler, flattened, limits
 from herringbone_sim.cli.parameter_options import (
@@ -22,6 +20,7 @@ from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.sweeps.diagram import period_shares
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import (
     CHUNK,
@@ -33,7 +32,6 @@ from herringbone_sim.sweeps.grid import (
 )
 from herringbone_sim.sweeps.store import Result, Store
 
-LEAST_SHARE = 5e-4  # fraction of the values; rarer periods are not printed
 REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a motion of two is detected too
 LONGEST = 100  # longest period of the effects [mesh cycles] of which REPEATS are observed
 SEEN = Observation()
@@ -138,13 +136,7 @@ def run_all(stores: Sequence[Store], options: SweepOptions) -> None:
 def print_shares(result: Result) -> None:
     """Print the fraction of the values with each period, and the five commonest failures."""
     period = result["period"]
-    values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
-    pairs = zip(values, counts / period.size, strict=True)
-    shares = [
-        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}"
-        for value, share in pairs
-        if share >= LEAST_SHARE
-    ]
-    print(f"{result.sweep.start}: {period.size} values: {', '.join(shares) or 'no periods'}")
+    shares = period_shares(period) or "no periods"
+    print(f"{result.sweep.start}: {period.size} values: {shares}")
     for failure in result.failures()[:5]:
         print(f"  {failure}")

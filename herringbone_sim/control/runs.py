@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.batch import run_batch
@@ -110,8 +111,7 @@ class MotionRunner:
     Args:
         folder: created if missing; None caches nothing.
         workers: number of threads.
-        planned: called with the number of runs before they begin.
-        done: called with the number of runs of each finished chunk.
+        bar: counts the runs, see ``ChunkRunner``.
         actives: effects of every gear.
 
     Raises:
@@ -122,12 +122,11 @@ class MotionRunner:
         self,
         folder: Path | None = None,
         workers: int = 2,
-        planned: Callable[[int], object] = lambda runs: None,
-        done: Callable[[int], object] = lambda runs: None,
+        bar: tqdm | None = None,
         actives: Sequence[Active] = (),
     ) -> None:
-        self._chunks = ChunkRunner(ArrayCache(folder), workers, done)
-        self._planned, self._actives = planned, acting(actives)
+        self._chunks = ChunkRunner(ArrayCache(folder), workers, bar)
+        self._actives = acting(actives)
 
     def build(self, parameters: Parameters) -> Model:
         """The model of a gear; ParameterError if it can't be built."""
@@ -146,7 +145,6 @@ class MotionRunner:
                 that effects add are at rest if left out.
             settings: length of the runs.
         """
-        self._planned(len(sets))
         built = next((model for model in map(self._model, sets) if model is not None), None)
         starts = with_added_states(built, starts) if built else starts
         slices = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]

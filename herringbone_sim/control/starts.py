@@ -23,19 +23,16 @@ class Starts:
     ``zero``: the initial state of the gear, which the paper seems to use. ``running``: the state
     without control after the whole periods of the effects that contain 800 mesh cycles, and one
     more. ``alike``: random with left = right. ``parted``: random, left and right drawn
-    independently.
+    independently. Random states are the same for every gear: displacements up to b_c, and rates
+    up to b_c omega_n.
 
     Attributes:
         alike, parted: number of states of these kinds.
-        reach: of random displacements in b_c, and of rates in b_c omega_n.
-        seed: of the random states, which are the same for every gear.
         running: whether to include ``running``.
     """
 
     alike: int = 2
     parted: int = 2
-    reach: float = 1.0
-    seed: int = 0
     running: bool = True
 
     @property
@@ -58,15 +55,14 @@ def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Start
         period = runner.effect_period(sets[0])
         settings = replace(SETTLE, transient=-(-SETTLE.transient // period) * period)
         columns.append(runner.run(free, columns[0], settings).end)
-    rng = np.random.default_rng(starts.seed)
+    rng = np.random.default_rng(0)
     n_class = models[0].layout.n_classes
     for _ in range(starts.alike):
-        x, v = np.tile(rng.uniform(-starts.reach, starts.reach, (2, 2, 1, n_class)), (1, 1, 2, 1))
+        x, v = np.tile(rng.uniform(-1.0, 1.0, (2, 2, 1, n_class)), (1, 1, 2, 1))
         columns.append(np.array([state(model, x.ravel(), v.ravel(), 0.0) for model in models]))
     for i in range(starts.parted):
-        seed = [starts.seed, 1 + i]
-        draws = (np.random.default_rng(seed) for _ in models)
+        draws = (np.random.default_rng([0, 1 + i]) for _ in models)
         pairs = zip(models, draws, strict=True)
-        columns.append(np.array([random_starts(m, 1, g, starts.reach)[0] for m, g in pairs]))
+        columns.append(np.array([random_starts(m, 1, g)[0] for m, g in pairs]))
     # States that effects add are at rest, unless the gear was running.
     return np.stack([with_added_states(models[0], states) for states in columns], axis=1)

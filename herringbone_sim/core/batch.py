@@ -13,9 +13,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import batch_edges, stepper
 from herringbone_sim.core.lanes.packed import (
     constants,
@@ -35,8 +34,6 @@ from herringbone_sim.core.mirror import (
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.sensitivity import Directions, neighbours_of
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -164,8 +161,11 @@ def run_batch(
             if hasattr(models[0].integrator, "run_batch"):
                 reasons[chosen] = _run_by_laws(found, chosen, group, begin, length)
                 continue
-            if _has_no_lanes(models[0]):
-                reasons[chosen] = _run_singly(found, chosen, group, begin, length)
+            if models[0].parameters.method == "rk4" or models[0].integrator is not None:
+                reasons[chosen] = [
+                    _run_one(found, int(i), model, y, int(cycle), length)
+                    for i, model, y, cycle in zip(chosen, group, *begin, strict=True)
+                ]
                 continue
             beside = [along[int(i)] for i in chosen] if along else []
             reasons[chosen] = _run_lanes(found, chosen, group, begin, sides, length, beside)
@@ -339,27 +339,11 @@ def _by_batches(growth: Array, length: _Length) -> Array:
     return np.pad(np.stack(parts, axis=1), ((0, 0), (0, 1), (0, 0)))
 
 
-def _has_no_lanes(model: Model) -> bool:
-    """Whether a model can only be integrated by its stepper, not in lanes."""
-    return model.parameters.method == "rk4" or model.integrator is not None
-
-
-def _run_singly(
-    batch: Batch,
-    chosen: Indices,
-    models: Sequence[Model],
-    begin: tuple[Array, Indices],
-    length: _Length,
-) -> list[str]:
-    """Integrate models one by one, with at most one tangent (rk4: none); returns their reasons."""
-    return [
-        _run_one(batch, i, model, y, int(cycle), length)
-        for i, model, y, cycle in zip(chosen, models, *begin, strict=True)
-    ]
-
-
 def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _Length) -> str:
-    """Integrate one model and write its results into row i; returns ``diverged`` or no text."""
+    """Integrate a model by its stepper, with at most one tangent vector (with method rk4 none).
+
+    Writes the results into row i; returns ``diverged`` or no text.
+    """
     gear_stepper, per_cycle = stepper(model), model.parameters.samples_per_cycle
     k = min(length.tangents, 1) if model.integrator else 0
     start = replace(gear_stepper.start(k), y=y, cycle=cycle)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.model import (
     Model,
     body_displacements,
@@ -28,8 +28,6 @@ from herringbone_sim.core.run import Kernel, StateArrays
 from herringbone_sim.core.sensitivity import Direction, Directions, need_series
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
-
-Indices = NDArray[np.int64]
 
 BATCHES = 10  # of mesh cycles, from whose spread the standard error of an exponent follows
 
@@ -80,7 +78,7 @@ class Block:
     rows: Array
     start: State
     end: State
-    section: NDArray[np.int64]
+    section: Indices
     contact: NDArray[Any]
     switches: int
     diverged: bool
@@ -320,8 +318,9 @@ def simulate(model: Model, cycles: int, state: State | None = None) -> tuple[Tim
         state or gear_stepper.start(), cycles * model.parameters.samples_per_cycle
     )
     if block.diverged:
+        causes = [*(active.effect.id for active in model.effects), str(model.parameters)]
         raise DivergenceError(
-            f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with {model.parameters}"
+            f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with {' and '.join(causes)}"
         )
     return TimeSeries(block.rows[:, 0].copy(), block.rows, model.layout.channels), block.end
 

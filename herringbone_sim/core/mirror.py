@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.lanes.packed import added_mirror, integrated_added
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
-
-Indices = NDArray[np.int64]
 
 
 def layout_mirror(layout: Layout) -> Indices:
@@ -58,7 +56,7 @@ def has_equal_planets(model: Model) -> bool:
     return all(bool(np.all(a == a[..., :1])) for a in (_of_meshes(model), inertia))
 
 
-def _of_meshes(model: Model) -> NDArray[np.float64]:
+def _of_meshes(model: Model) -> Array:
     """Stack the constants of ``packed`` that each mesh has: (rows, kind, side, planet)."""
     p = model.packed
     single = (p.stiffness, p.damping, p.b, p.e_mean, p.d_mean)

@@ -108,6 +108,11 @@ def half_backlashes(p: Parameters, s: Scales) -> Array:
     return half
 
 
+def by_kind(values: Array) -> dict[str, float]:
+    """Value of the first mesh of each kind, ``sp`` and ``rp``, of values (n_mesh,)."""
+    return {"sp": float(values[0]), "rp": float(values[len(values) // 2])}
+
+
 def mesh_damping(p: Parameters, s: Scales) -> Array:
     """Return the damping c [N s/m] of each mesh (n_mesh,), Eq. (11)."""
     n = p.layout.n_mesh

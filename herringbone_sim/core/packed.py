@@ -13,13 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.numba_private import COMPILED, LINKED
-
-Indices = NDArray[np.int64]
 
 TWO_PI = 2.0 * np.pi
 LIMIT = 1e6  # b_c: deflection beyond which the motion counts as diverged

@@ -235,7 +235,7 @@ def coerce(name: str, value: Any) -> Value:
     default = Parameters.__dataclass_fields__[name].default
     try:
         if isinstance(default, tuple):
-            many = (value,) if isinstance(value, (int, float, str)) else tuple(value)
+            many = (value,) if isinstance(value, (numbers.Real, str)) else tuple(value)
             if any(isinstance(v, (bool, str)) for v in many):
                 raise TypeError
             return tuple(float(v) for v in many)

@@ -21,7 +21,7 @@ from herringbone_sim.analysis.periods import MIN_REPEATS, TOLERANCE, find_period
 from herringbone_sim.arrays import Array, Indices
 
 ALIKE, AS_A_SET, PAIR = "left = right", "symmetric as a set", "one of a mirror pair"
-SAME_POINTS = 10.0  # times the tolerance: largest distance of points that count as one
+SAME_POINTS = 10.0 * TOLERANCE  # largest distance of points that count as one
 MIXED = 0.75  # same_set_share below which two sets belong to one attractor
 
 
@@ -46,58 +46,48 @@ class Attractor:
         return f"{kind}, {self.symmetry}" if self.symmetry else kind
 
 
-def attractor_of(
-    section: Array, exchange: Indices | None = None, tolerance: float = TOLERANCE
-) -> Attractor:
+def attractor_of(section: Array, exchange: Indices | None = None) -> Attractor:
     """Classify the attractor that a stroboscopic section lies on.
 
     Args:
         section: (m, n) successive section points after the transient, coordinates of order one.
         exchange: (n,) indices that swap the two sides; None for a flow without the symmetry.
-        tolerance: largest RMS distance of points that count as one, in the units of the section.
     """
     longest = len(section) // MIN_REPEATS
-    period = find_period(section, max_period=longest, tolerance=tolerance).value or 0
-    points = section[-period:] if period else drop_repeats(section, SAME_POINTS * tolerance)
-    return Attractor(period, _symmetry(points, period, exchange, tolerance), points)
+    period = find_period(section, max_period=longest).value or 0
+    points = section[-period:] if period else drop_repeats(section, SAME_POINTS)
+    return Attractor(period, _symmetry(points, period, exchange), points)
 
 
-def same_attractor(
-    a: Attractor, b: Attractor, exchange: Indices | None = None, tolerance: float = TOLERANCE
-) -> bool:
+def same_attractor(a: Attractor, b: Attractor, exchange: Indices | None = None) -> bool:
     """Tell whether two attractors are the same, or mirror images of each other.
 
-    See ``match_known`` for ``exchange`` and ``tolerance``.
+    See ``match_known`` for ``exchange``.
     """
     if (a.period, a.symmetry == ALIKE) != (b.period, b.symmetry == ALIKE):
         return False
     images = [b.points] if exchange is None else [b.points, b.points[:, exchange]]
-    return any(_agree(a.points, image, a.period, tolerance) for image in images)
+    return any(_agree(a.points, image, a.period) for image in images)
 
 
 def match_known(
-    candidate: Attractor,
-    known: Sequence[Attractor],
-    exchange: Indices | None = None,
-    tolerance: float = TOLERANCE,
+    candidate: Attractor, known: Sequence[Attractor], exchange: Indices | None = None
 ) -> int:
     """Return the index of the first known attractor that is the same as the candidate.
+
+    Points of periodic attractors agree to within ``SAME_POINTS``.
 
     Args:
         candidate: attractor to look up.
         known: attractors to compare it with.
         exchange: (n,) indices that swap the two sides: mirror images count as the same; None: they
             don't.
-        tolerance: as in ``attractor_of``; points of periodic attractors agree to within
-            ``SAME_POINTS`` times it.
 
     Returns:
         ``len(known)`` if none is the same.
     """
     matches = (
-        i
-        for i, attractor in enumerate(known)
-        if same_attractor(attractor, candidate, exchange, tolerance)
+        i for i, attractor in enumerate(known) if same_attractor(attractor, candidate, exchange)
     )
     return next(matches, len(known))
 
@@ -128,19 +118,19 @@ def drop_repeats(points: Array, distance: float) -> Array:
     return points[unique]
 
 
-def _agree(a: Array, b: Array, period: int, tolerance: float) -> bool:
+def _agree(a: Array, b: Array, period: int) -> bool:
     """Tell whether two sets of section points (m, n) belong to one attractor of that period."""
     if period:
         shifts = (np.abs(a - np.roll(b, shift, axis=0)).max() for shift in range(period))
-        return bool(min(shifts) <= SAME_POINTS * tolerance)
+        return bool(min(shifts) <= SAME_POINTS)
     return same_set_share(a, b) < MIXED
 
 
-def _symmetry(points: Array, period: int, exchange: Indices | None, tolerance: float) -> str:
+def _symmetry(points: Array, period: int, exchange: Indices | None) -> str:
     """Symmetry label of section points under the exchange of left and right, see ``Attractor``."""
     if exchange is None:
         return ""
     image = points[:, exchange]
-    if np.abs(points - image).max() <= SAME_POINTS * tolerance:
+    if np.abs(points - image).max() <= SAME_POINTS:
         return ALIKE
-    return AS_A_SET if _agree(points, image, period, tolerance) else PAIR
+    return AS_A_SET if _agree(points, image, period) else PAIR

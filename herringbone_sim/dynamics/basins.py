@@ -7,9 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import binomtest
 
-from herringbone_sim.analysis.periods import TOLERANCE
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import Model, state
@@ -55,7 +54,6 @@ def explore(
     sections_of: Sections,
     starts: Array,
     exchange: Indices | None = None,
-    tolerance: float = TOLERANCE,
     known: tuple[Attractor, ...] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Basins:
@@ -68,8 +66,6 @@ def explore(
             the motion diverged; see ``gear_sections``.
         starts: (n_starts, n) initial states.
         exchange: (n,) indices that swap left and right; mirror images then count as one attractor.
-        tolerance: largest RMS distance of section points that count as one, in the units of the
-            state.
         known: attractors from an earlier call; they come first and keep their order.
         progress: wraps the iterable of batches, such as ``tqdm``.
     """
@@ -77,8 +73,8 @@ def explore(
     for first in progress(range(0, len(starts), CHUNK)):
         for i, section in enumerate(sections_of(starts[first : first + CHUNK]), start=first):
             if np.isfinite(section).all():
-                attractor = attractor_of(section, exchange, tolerance)
-                labels[i] = match_known(attractor, attractors, exchange, tolerance)
+                attractor = attractor_of(section, exchange)
+                labels[i] = match_known(attractor, attractors, exchange)
                 if labels[i] == len(attractors):
                     attractors.append(replace(attractor, points=attractor.points.copy()))
     basins = Basins(tuple(attractors), labels)
@@ -97,12 +93,8 @@ def wilson(count: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
 
     J. Am. Stat. Assoc. 22 (1927) 209.
     """
-    z = float(norm.ppf(0.5 + 0.5 * confidence))
-    share = count / n
-    middle = share + z**2 / (2 * n)
-    half = z * float(np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2)))
-    scale = 1 + z**2 / n
-    return max((middle - half) / scale, 0.0), min((middle + half) / scale, 1.0)
+    low, high = binomtest(count, n).proportion_ci(confidence, method="wilson")
+    return float(low), float(high)
 
 
 def gear_sections(

@@ -62,10 +62,6 @@ class BranchPoint:
     multipliers: Multipliers
     iterations: int
 
-    @property
-    def stable(self) -> bool:
-        return self.multipliers.unstable == (0, 0)
-
 
 class Curve:
     """Orbits of one period and symmetry over a family of flows: their equations and a solver.

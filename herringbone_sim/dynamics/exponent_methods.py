@@ -13,7 +13,7 @@ from herringbone_sim.analysis.zero_one import ZeroOne, zero_one_test
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, divergence
 from herringbone_sim.dynamics.attractors import Attractor
-from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, settle, symmetry
+from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, iterate, settle, symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
@@ -98,7 +98,7 @@ def compare_exponents(
         half = int(np.sum(exchange > np.arange(flow.n)))
         symmetric = symmetric_exponents(flow, y, exchange, cycles, TURNING, half, transient)
     step("recorded series")
-    section = section_of(flow, y, cycles, transient)
+    section = iterate(flow, y, cycles, transient)
     return ExponentComparison(
         spectrum=spectrum,
         divergence=divergence(model),
@@ -110,15 +110,6 @@ def compare_exponents(
         series=largest_exponent(section, rng),
         zero_one=zero_one_test(section[:, 0], rng),
     )
-
-
-def section_of(flow: GearFlow, y: Array, cycles: int, at: int = 0) -> Array:
-    """States (cycles, n) at phase 0, y the first, ``at`` mesh cycles having preceded it."""
-    points, none = np.empty((cycles, flow.n)), np.zeros((0, flow.n))
-    for i, point in enumerate(points):
-        point[:] = y
-        y, _ = flow.advance(y, none, at + i)
-    return points
 
 
 def motion_kind(section: Array, spectrum: Growth, longest: int = LONGEST) -> str:
@@ -160,7 +151,7 @@ def identify_motion(
     if exchange is not None and np.array_equal(y, y[exchange]):
         growth = symmetric_exponents(flow, y, exchange, cycles, transient, k=2, at=at).within
     longest = max(LONGEST, 2 * effect_cycles(model))
-    section = section_of(flow, whole.end, MIN_REPEATS * longest, at + transient + cycles)
+    section = iterate(flow, whole.end, MIN_REPEATS * longest, at + transient + cycles)
     return motion_kind(section, growth, longest), whole
 
 

@@ -176,3 +176,14 @@ def settle(flow: Flow, y: Array, periods: int, at: int = 0) -> Array:
     for i in range(periods):
         y, _ = flow.advance(y, none, at + i)
     return y
+
+
+def iterate(flow: Flow, y: Array, n: int, at: int = 0) -> Array:
+    """Trajectory of n states (n, n_state), each a call of ``flow.advance`` after the one before.
+
+    The first is y; ``at`` is the number of calls before it. May raise DivergenceError.
+    """
+    points = [y]
+    for i in range(n - 1):
+        points.append(settle(flow, points[-1], 1, at + i))
+    return np.array(points)

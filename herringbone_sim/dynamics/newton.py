@@ -12,7 +12,7 @@ from herringbone_sim.errors import DivergenceError, ParameterError
 
 Equations = Callable[[Array], tuple[Array, Array]]
 
-TOLERANCE = 1e-10
+TOLERANCE = 1e-10  # largest absolute residual of a solution
 MAX_ITERATIONS = 40
 SHORTEST = 2.0**-8  # smallest fraction of a Newton step that is tried
 
@@ -34,14 +34,13 @@ class Solution:
     reason: str = ""
 
 
-def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solution:
+def newton(equations: Equations, z: Array) -> Solution:
     """Solve a system by Newton's method, each step halved until the largest residual falls.
 
     Args:
         equations: returns residual (k,) and Jacobian (k, k) at z; may raise DivergenceError or
             ParameterError, which counts as a failed step.
         z: (k,) first guess.
-        tolerance: largest absolute residual of a solution.
     """
     try:
         residual, jacobian = equations(z)
@@ -49,7 +48,7 @@ def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solu
         return Solution(z, float("nan"), 0, str(error))
     for iteration in range(MAX_ITERATIONS):
         size = float(np.abs(residual).max())
-        if size <= tolerance:
+        if size <= TOLERANCE:
             return Solution(z, size, iteration)
         try:
             step = np.linalg.solve(jacobian, -residual)
@@ -62,7 +61,7 @@ def newton(equations: Equations, z: Array, tolerance: float = TOLERANCE) -> Solu
                 return Solution(z, size, iteration, "no step along Newton's direction helps")
         z, (residual, jacobian) = z + share * step, attempt
     size = float(np.abs(residual).max())
-    reason = "" if size <= tolerance else f"no convergence in {MAX_ITERATIONS} steps"
+    reason = "" if size <= TOLERANCE else f"no convergence in {MAX_ITERATIONS} steps"
     return Solution(z, size, MAX_ITERATIONS, reason)
 
 

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
-from herringbone_sim.dynamics.flow import Flow
-from herringbone_sim.dynamics.newton import TOLERANCE, newton
+from herringbone_sim.dynamics.flow import Flow, iterate
+from herringbone_sim.dynamics.newton import newton
 from herringbone_sim.errors import AnalysisError, DivergenceError
 
 Complex = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9
+EQUAL = 1e-6  # largest distance of states that count as one
 
 
 @dataclass(frozen=True)
@@ -76,13 +77,7 @@ class Multipliers:
         return int((np.abs(self.within) > 1).sum()), int((np.abs(self.transverse) > 1).sum())
 
 
-def find_orbit(
-    flow: Flow,
-    start: Array,
-    period: int = 1,
-    mirror: Indices | None = None,
-    tolerance: float = TOLERANCE,
-) -> Orbit:
+def find_orbit(flow: Flow, start: Array, period: int = 1, mirror: Indices | None = None) -> Orbit:
     """Find a periodic orbit near a first guess by Newton's method.
 
     Args:
@@ -91,7 +86,6 @@ def find_orbit(
         mirror: (n,) indices that swap left and right. From a start with equal halves only
             symmetric states are searched, where a transverse multiplier of 1 does not make the
             Jacobian singular.
-        tolerance: largest residual of an orbit.
 
     Returns:
         The orbit; its ``reason`` tells whether the search failed.
@@ -107,7 +101,7 @@ def find_orbit(
     def equations(z: Array) -> tuple[Array, Array]:
         return shoot(flow, z, basis)
 
-    solution = newton(equations, (points @ basis).ravel(), tolerance)
+    solution = newton(equations, (points @ basis).ravel())
     points = solution.z.reshape(period, -1) @ basis.T
     try:
         jacobians = np.array([flow.advance(y, np.eye(flow.n))[1].T for y in points])
@@ -187,14 +181,6 @@ def symmetry_bases(mirror: Indices) -> tuple[Array, Array]:
     return np.array(even).T, np.array(odd).reshape(-1, len(mirror)).T
 
 
-def iterate(flow: Flow, y: Array, n: int) -> Array:
-    """Trajectory of n states (n, n_state) a period apart, from y on; may raise DivergenceError."""
-    points = [y]
-    for _ in range(n - 1):
-        points.append(flow.advance(points[-1], np.zeros((0, flow.n)))[0])
-    return np.array(points)
-
-
 def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
     """Part (period, n) of a trajectory whose end comes closest to its beginning.
 
@@ -214,11 +200,11 @@ def closest_return(flow: Flow, y: Array, period: int, cycles: int) -> Array:
     return states[first : first + period]
 
 
-def least_period(points: Array, tolerance: float = 1e-6) -> int:
-    """Least period of the states (period, n) of an orbit: 1 where all are equal."""
+def least_period(points: Array) -> int:
+    """Least period of the states (period, n) of an orbit: 1 where all are equal to 1e-6."""
     n = len(points)
     return next(
         p
         for p in range(1, n + 1)
-        if n % p == 0 and np.abs(points - np.roll(points, p, axis=0)).max() <= tolerance
+        if n % p == 0 and np.abs(points - np.roll(points, p, axis=0)).max() <= EQUAL
     )

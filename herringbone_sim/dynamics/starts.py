@@ -7,9 +7,9 @@ import math
 from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.arrays import Array
 from herringbone_sim.dynamics.curve import Family
-from herringbone_sim.dynamics.flow import GearFlow, settle
+from herringbone_sim.dynamics.flow import GearFlow, iterate, settle
 from herringbone_sim.dynamics.gear_family import GearCache
-from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate, least_period
+from herringbone_sim.dynamics.orbits import closest_return, find_orbit, least_period
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 # Forcing periods in which the period of the motion, or its closest return, is looked for.

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.dynamics.flow import Flow, settle
+from herringbone_sim.dynamics.flow import Flow, iterate, settle
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.errors import AnalysisError
 
@@ -52,21 +52,13 @@ def over_distances(
         if not distance > 0.0:
             raise AnalysisError(f"distance must be positive, got {distance}: try {DISTANCE:g}")
     exponents = np.full((len(distances), 2), np.nan)
-    path = _path(flow, y, transient + periods, at)
+    path = iterate(flow, y, transient + periods + 1, at)
     for i, distance in enumerate(distances):
         logarithms = _growth(flow, path, distance, at)[transient:]
         if np.isfinite(logarithms).all():
             growth = Growth(logarithms[:, None], flow.period, path[-1])
             exponents[i] = growth.exponents[0], growth.errors[0]
     return exponents
-
-
-def _path(flow: Flow, y: Array, periods: int, at: int) -> Array:
-    """States (periods + 1, n) of the first trajectory: y, and one after each period."""
-    path = [y]
-    for i in range(periods):
-        path.append(settle(flow, path[-1], 1, at + i))
-    return np.array(path)
 
 
 def _growth(flow: Flow, path: Array, distance: float, at: int) -> Array:

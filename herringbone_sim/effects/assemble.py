@@ -42,7 +42,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     """
     chosen = acting(actives)
     filled, _ = _in_slots(model, [active for active in chosen if active.effect.fill is not None])
-    sizes = np.diff(laws(model, chosen).first)[: len(chosen)]
+    sizes = np.diff(laws(model, chosen).kernel.first)[: len(chosen)]
     return replace(
         filled,
         effects=tuple(chosen),

@@ -115,9 +115,7 @@ def evaluate(
     torque = np.empty((n, len(model.layout.bodies)))
     with pointers_allowed():
         recorded(
-            effect_laws.kernel,
-            effect_laws.site,
-            effect_laws.theta,
+            *effect_laws,
             gear_table(model) if table is None else table,
             moved.times,
             moved.now,
@@ -136,8 +134,3 @@ def evaluate(
 def forces(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
     """Return normal mesh forces (n, n_mesh) [N], see ``evaluate``."""
     return evaluate(model, actives, moved).force
-
-
-def torques(model: Model, actives: Sequence[Active], moved: Motion) -> Array:
-    """Return torques of effects over base radius (n, n_bodies) [N], see ``evaluate``."""
-    return evaluate(model, actives, moved).torque

@@ -6,14 +6,12 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import float64, types, void
-from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning, wrapper_address
 from herringbone_sim.effects.effect import Active, Effect
@@ -49,17 +47,14 @@ class _Pointer:
         return int(self._address)
 
 
-@dataclass(frozen=True)
-class Laws:
-    """Laws and constants of active effects for compiled code, n effects with padding.
+class Kernel(NamedTuple):
+    """Laws of active effects for compiled code, n effects with padding.
 
     Effects that do nothing pad n to a multiple of four: the length of a tuple is part of its Numba
     type, so compiled code would be compiled again for every number of effects.
 
     Attributes:
         excite, react, drive: function pointer of each effect.
-        theta: (p,) parameters of each effect.
-        site: (rows, n_mesh) mesh constants of each effect, from ``Effect.place``.
         first: (n + 1,) index of the first state of each effect, then the number of all states.
         n_active: number of effects without padding.
         acts: (n, 2) whether each effect has ``excite`` and ``react``; laws that do nothing are not
@@ -69,21 +64,28 @@ class Laws:
     excite: tuple[Any, ...]
     react: tuple[Any, ...]
     drive: tuple[Any, ...]
-    theta: tuple[Array, ...]
-    site: tuple[Array, ...]
-    first: NDArray[np.int64]
+    first: Indices
     n_active: int
-    acts: NDArray[np.bool_]
+    acts: Flags
 
-    @property
-    def kernel(self) -> Kernel:
-        """The fields without ``theta`` and ``site``, as compiled code takes them."""
-        return Kernel(self.excite, self.react, self.drive, self.first, self.n_active, self.acts)
+
+class Laws(NamedTuple):
+    """Laws and constants of active effects, in the order in which compiled code takes them.
+
+    Attributes:
+        kernel: the laws.
+        site: (rows, n_mesh) mesh constants of each effect, from ``Effect.place``.
+        theta: (p,) parameters of each effect.
+    """
+
+    kernel: Kernel
+    site: tuple[Array, ...]
+    theta: tuple[Array, ...]
 
     @property
     def n_added_states(self) -> int:
         """Number of states that the effects add."""
-        return int(self.first[-1])
+        return int(self.kernel.first[-1])
 
 
 def acting(actives: Sequence[Active]) -> list[Active]:
@@ -99,23 +101,18 @@ def laws(model: Model, actives: Sequence[Active]) -> Laws:
         ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
     """
     mine = acting(actives)
-    used, chosen = len(mine), _padded(mine)
+    chosen = _padded(mine)
     sizes = [active.effect.states(model) for active in chosen]
-    excite, react, drive = pointers(mine, (EXCITE, REACT, DRIVE))
+    acts = [(a.effect.excite is not no_excite, a.effect.react is not no_react) for a in chosen]
     return Laws(
-        excite=excite,
-        react=react,
-        drive=drive,
-        theta=tuple(np.array(active.theta, dtype=float) for active in chosen),
-        site=tuple(_site(model, active) for active in chosen),
-        first=np.cumsum([0, *sizes]),
-        n_active=used,
-        acts=np.array(
-            [
-                (active.effect.excite is not no_excite, active.effect.react is not no_react)
-                for active in chosen
-            ]
+        kernel=Kernel(
+            *pointers(mine, (EXCITE, REACT, DRIVE)),
+            first=np.cumsum([0, *sizes]),
+            n_active=len(mine),
+            acts=np.array(acts),
         ),
+        site=tuple(_site(model, active) for active in chosen),
+        theta=tuple(np.array(active.theta, dtype=float) for active in chosen),
     )
 
 
@@ -127,7 +124,7 @@ def _padded(actives: Sequence[Active]) -> list[Active]:
 def pointers(
     actives: Sequence[Active], signatures: tuple[Any, Any, Any], lanes: bool = False
 ) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-    """Return function pointers to excite, react and drive of effects, padded as in ``Laws``.
+    """Return function pointers to excite, react and drive of effects, padded as in ``Kernel``.
 
     ``signatures`` are those of Numba for the three. With ``lanes``, effects whose laws are not
     written for lanes get laws that do nothing.
@@ -187,21 +184,10 @@ def gear_table(model: Model) -> Array:
     return table
 
 
-class Kernel(NamedTuple):
-    """Fields of ``Laws`` that compiled code takes as one argument."""
-
-    excite: tuple[Any, ...]
-    react: tuple[Any, ...]
-    drive: tuple[Any, ...]
-    first: NDArray[np.int64]
-    n_active: int
-    acts: NDArray[np.bool_]
-
-
 class Scratch(NamedTuple):
     """Work arrays of the laws, SI units; n = n_mesh, s = states of effects, b = bodies."""
 
-    contact_state: NDArray[np.int64]  # (n,) contact state imposed on each mesh (-1, 0, 1), or FREE
+    contact_state: Indices  # (n,) contact state imposed on each mesh (-1, 0, 1), or FREE
     law: Array  # (5, n) as in ``effects.law``
     x: Array  # (n,) deflection with the effects' displacements
     v: Array  # (n,) its rate

@@ -12,7 +12,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import Stepper, carrier_row
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
@@ -21,8 +21,6 @@ from herringbone_sim.core.run import StateArrays
 from herringbone_sim.effects.dormand_prince import Gear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.rows import advance_cycles, run
-
-Indices = NDArray[np.int64]
 
 
 class _Stage(NamedTuple):
@@ -72,7 +70,7 @@ class LawStepper(Stepper):
             unit=unit,
             carrier=carrier_row(model) * s.b_c,
             n_state=layout.n_state,
-            reacts=bool(effect_laws.acts[:, 1].any()),
+            reacts=bool(effect_laws.kernel.acts[:, 1].any()),
         )
 
     @property

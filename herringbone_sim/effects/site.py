@@ -24,7 +24,13 @@ CURVATURE = Parameter(
     neutral=None,
     bends=True,
 )
+ORDER = 1  # row of ``mesh_order``
 MEMBER = Option("member", "the gear that carries it", "sun", ("sun", "planet", "ring"))
+
+
+def mesh_order(model: Model, mask: Array, options: Options) -> Array:
+    """Return ``site``, rows (2, n_mesh): mask, order of a harmonic (``options["order"]``)."""
+    return np.stack([mask, np.full(mask.shape, float(options["order"]))])
 
 
 def planet_angles(model: Model) -> Array:

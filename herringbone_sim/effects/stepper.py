@@ -14,7 +14,6 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.channels import distort
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.errors import DivergenceError
 
 
 def stepper(model: Model, actives: Sequence[Active]) -> Stepper:
@@ -51,14 +50,5 @@ def simulate(
         DivergenceError: the state left the range of any physical motion.
         ParameterError: as ``assemble``, or a channel that the gear lacks.
     """
-    gear_stepper = stepper(model, actives)
-    block = gear_stepper.advance(
-        state or gear_stepper.start(), cycles * model.parameters.samples_per_cycle
-    )
-    if block.diverged:
-        raise DivergenceError(
-            f"the motion diverged at t = {block.rows[-1, 0]:.6g} s with "
-            f"{', '.join(active.effect.id for active in actives)} and {model.parameters}"
-        )
-    series = TimeSeries(block.rows[:, 0].copy(), block.rows, model.layout.channels)
-    return distort(series, tuple(actives)), block.end
+    series, end = integrate.simulate(assemble(model, actives), cycles, state)
+    return distort(series, tuple(actives)), end

@@ -10,7 +10,7 @@ from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import Sweep, find_cut, motions_of
 from herringbone_sim.paper.scenarios import Scenario
-from herringbone_sim.paper.staircase import Reading, Way, request
+from herringbone_sim.paper.staircase import Reading, request
 from herringbone_sim.paper.statements import BoundaryAt
 
 ROUNDS, INNER = 2, 15  # rounds of the bisection; values inside the interval in each
@@ -55,7 +55,6 @@ def bisect(
     reading: Reading,
     sweep: Sweep,
     wanted: BoundaryAt,
-    way: Way | None = None,
 ) -> Boundary:
     """Locate a published boundary to 1/256 of the step of a sweep, 15 values at a time.
 
@@ -71,14 +70,13 @@ def bisect(
         reading: parameters that the paper leaves open.
         sweep: in which the boundary is first located.
         wanted: the published boundary.
-        way: start and step size; None for the initial state and the Taylor series.
     """
     located = locate(sweep, wanted)
     if not located.note.startswith("clean"):
         return located
 
     def is_before(values: Array) -> Flags:
-        runs = replace(request(scenario, reading, values, way), transient=SETTLE)
+        runs = replace(request(scenario, reading, values), transient=SETTLE)
         motions = motions_of(runner.batch(runs), FINE)
         same: Flags = motions == wanted.before
         return same

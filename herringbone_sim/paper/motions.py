@@ -10,7 +10,7 @@ from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, anal
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import State, simulate
-from herringbone_sim.core.model import Model, relative
+from herringbone_sim.core.model import Model, by_kind, relative
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.paper.reproduction import POINT_CYCLES, POINT_SETTLE, Point
 
@@ -31,8 +31,7 @@ def recorded(point: Point) -> SegmentResult:
     start = State(point.end, RUN, 0, 0.0, np.zeros((0, n)), np.zeros(0))
     series, _ = simulate(model, CYCLES, start)
     scales = model.scales
-    border = model.packed.b * scales.b_c
-    half = {"sp": float(border[0]), "rp": float(border[-1])}
+    half = by_kind(model.packed.b * scales.b_c)
     gear = Gear(scales.b_c, scales.omega_n, half_backlash_m=lambda _: half)
     options = Options(transient_cycles=0, noise_share=0.0)
     (result,) = analyze_series(series, options=options, gear=gear)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch, run_batch
@@ -69,19 +70,16 @@ class BatchRunner:
     Args:
         folder: created if missing; None caches nothing.
         workers: number of threads.
-        done: called with the number of runs of each finished chunk.
+        bar: counts the runs, see ``ChunkRunner``.
 
     Raises:
         AnalysisError: the folder can't be written.
     """
 
     def __init__(
-        self,
-        folder: Path | None = None,
-        workers: int = 2,
-        done: Callable[[int], object] = lambda runs: None,
+        self, folder: Path | None = None, workers: int = 2, bar: tqdm | None = None
     ) -> None:
-        self._chunks = ChunkRunner(ArrayCache(folder), workers, done)
+        self._chunks = ChunkRunner(ArrayCache(folder), workers, bar)
 
     def batch(self, request: Request) -> Batch:
         """Integrate the runs of one request, or read them from the cache."""

@@ -30,14 +30,12 @@ class Sweep:
         exponents: (n, 4) Lyapunov exponents per unit of tau = omega_n t: largest, its standard
             error, largest for perturbations that keep left = right, and for those that break
             it. NaN if not computed; the last two also if the motion's halves differ.
-        reasons: n error messages, empty where the run succeeded.
     """
 
     values: Array
     motions: Indices
     x: Array
     exponents: Array
-    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.paper.boundaries import INNER, MOVES, ROUNDS, Boundary, bisect, locate
+from herringbone_sim.paper.boundaries import Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, Obtained, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
@@ -162,23 +162,6 @@ def ways(reading: Reading) -> tuple[Way, ...]:
         for steps in RK4_STEPS
     ]
     return (*random, *stepped)
-
-
-def compared_runs(n: int) -> int:
-    """Number of runs of ``compared`` for one scenario: 2 continuations, 6 starts, 4 steps."""
-    stepped = (len(RK4_STEPS) - 1) * max(int(n * STEPPED_SHARE), 2)
-    return 8 * n + stepped + max(int(n * SLOW_SHARE), 2)
-
-
-def bisected_runs(scenario: Scenario) -> int:
-    """Largest number of runs to bisect all boundaries of a scenario."""
-    return (len(scenario.windows) - 1) * (ROUNDS * INNER + 2 * MOVES)
-
-
-def point_runs(scenarios: Sequence[Scenario]) -> int:
-    """Number of runs for the four-panel figures of some scenarios."""
-    keys = "".join(s.key for s in scenarios)
-    return sum(isinstance(s, MotionAt) for s in statements(keys))
 
 
 def _asymmetric(n: int, size: float, seed: int) -> Array:

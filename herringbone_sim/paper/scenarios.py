@@ -59,10 +59,6 @@ class Scenario:
     controlled: bool = False
     has_exponents: bool = True
 
-    @property
-    def span(self) -> float:
-        return self.high - self.low
-
     def values(self, n: int) -> Array:
         """(n,) evenly spaced values of the swept parameter, ends included."""
         return np.linspace(self.low, self.high, n)

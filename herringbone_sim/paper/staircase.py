@@ -86,7 +86,7 @@ def sweep_from_batch(values: Array, batch: Batch, runs: Request) -> Sweep:
     exponents = np.stack(
         [batch.exponents, batch.exponent_errors, batch.within, batch.transverse], axis=1
     )
-    return Sweep(np.asarray(values, dtype=float), motions_of(batch), x, exponents, batch.reasons)
+    return Sweep(np.asarray(values, dtype=float), motions_of(batch), x, exponents)
 
 
 def sweep(
@@ -138,5 +138,4 @@ def _row(steps: Sequence[Sweep], i: int) -> Sweep:
         np.array([step.motions[i] for step in steps]),
         np.array([step.x[i] for step in steps]),
         np.array([step.exponents[i] for step in steps]),
-        tuple(step.reasons[i] for step in steps),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.prepare import gain_tolerances, noise_is_known, prepare_run
-from herringbone_sim.gap.data.prepared import PreparedCampaign, mesh_table
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.practice.campaign import PracticeCampaign
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
@@ -30,7 +30,6 @@ def as_prepared(made: PracticeCampaign) -> PreparedCampaign:
         campaign.rig,
         nominal,
         runs,
-        mesh_table(nominal.layout),
         (),
         noise_is_known(runs, campaign.noise_share, {}),
         gain_tolerances(nominal.layout, made.sensors),

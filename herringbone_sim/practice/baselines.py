@@ -7,7 +7,7 @@ fits include the tolerances.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,13 +77,9 @@ def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
 
     Without evidence (None) all of them report ``none``.
     """
-    if evidence is None:
-        names = ("recalibration alone", "in-sample BIC", "sparse regression")
-        return {name: _report(rig, ("none",)) for name in names}
     return {
-        "recalibration alone": _report(rig, recalibration_alone(evidence)),
-        "in-sample BIC": _report(rig, in_sample_bic(evidence)),
-        "sparse regression": _report(rig, sparse_regression(evidence)),
+        name: _report(rig, ("none",) if evidence is None else rule(evidence))
+        for name, rule in RULES.items()
     }
 
 
@@ -114,6 +110,13 @@ def sparse_regression(evidence: Evidence) -> tuple[str, ...]:
     name = min(evidence.screened, key=lambda n: evidence.screened[n])
     is_clear = none.loss - evidence.screened[name] > SPARSE * none.loss
     return (name,) if is_clear else ("none",)
+
+
+RULES: dict[str, Callable[[Evidence], tuple[str, ...]]] = {
+    "recalibration alone": recalibration_alone,
+    "in-sample BIC": in_sample_bic,
+    "sparse regression": sparse_regression,
+}
 
 
 def _report(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:

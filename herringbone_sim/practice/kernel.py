@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from herringbone_sim.arrays import Array
@@ -23,7 +21,8 @@ CYCLES_PER_TURN = 27.0 * 77.0 / (27.0 + 77.0)  # mesh cycles per turn of the sun
 SHOCK_PEAK = 0.4**2 * 0.6**3  # largest value of z^2 (1 - z)^3
 
 
-def _random_cause(
+@compiled
+def random_cause(
     p: RigModel,
     m: int,
     f: float,
@@ -37,7 +36,7 @@ def _random_cause(
 ) -> None:
     """Add the random function at mesh m to the quantity that it changes, in place.
 
-    ``depth[12 + m]`` gets the input of the memory state. Displacements are added in ``_forces``.
+    ``depth[12 + m]`` gets the input of the memory state. Displacements are added in ``forces``.
     """
     load = depth[m]
     followed = p.random.own_input
@@ -55,10 +54,8 @@ def _random_cause(
         extra[p.random.body] += by
 
 
-random_cause: Any = compiled(_random_cause)
-
-
-def _forces(
+@compiled
+def forces(
     p: RigModel, t: float, phase0: float, y: Array, force: Array, extra: Array, depth: Array
 ) -> None:
     """Compute mesh forces (12,) and additional forces on the coordinates (15,) [N], in place.
@@ -135,10 +132,8 @@ def _forces(
             extra[k] -= p.windage * abs(y[n + k]) * y[n + k]
 
 
-forces: Any = compiled(_forces)
-
-
-def _rate(
+@compiled
+def rate(
     p: RigModel,
     t: float,
     phase0: float,
@@ -194,6 +189,3 @@ def _rate(
         dy[n + k] *= p.free[k] / p.mass[k]
     for m in range(y.size - 2 * n):
         dy[2 * n + m] = p.random.own_rate * (depth[12 + m] - y[2 * n + m])
-
-
-rate: Any = compiled(_rate)

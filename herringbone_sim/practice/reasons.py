@@ -107,7 +107,7 @@ def _places(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _errors(cases: Sequence[Outcome]) -> list[str]:
-    errors = _by_effect(cases, lambda c: c.error)
+    errors = _by_effect(cases, lambda c: () if c.error is None else (c.error,))
     return _ranked(
         {name: float(np.median(v)) for name, v in errors.items()}, errors, "median error"
     )
@@ -115,11 +115,9 @@ def _errors(cases: Sequence[Outcome]) -> list[str]:
 
 def _coverage(cases: Sequence[Outcome]) -> list[str]:
     """Return the effects whose intervals miss the true value most often."""
-    by_effect: dict[str, list[float]] = {}
-    for c in cases:
-        by_effect.setdefault(c.first, []).extend(float(is_covered) for is_covered in c.covered)
-    shares = {name: 1.0 - float(np.mean(v)) for name, v in by_effect.items() if v}
-    return _ranked(shares, by_effect, "share of intervals without the truth")
+    covered = _by_effect(cases, lambda c: c.covered)
+    shares = {name: 1.0 - float(np.mean(v)) for name, v in covered.items()}
+    return _ranked(shares, covered, "share of intervals without the truth")
 
 
 def _closures(cases: Sequence[Outcome]) -> list[str]:
@@ -133,14 +131,13 @@ def _closures(cases: Sequence[Outcome]) -> list[str]:
 
 
 def _by_effect(
-    cases: Sequence[Outcome], value: Callable[[Outcome], float | None]
+    cases: Sequence[Outcome], values: Callable[[Outcome], Sequence[float]]
 ) -> dict[str, list[float]]:
-    """Return the values of the cases by most probable effect; None is omitted."""
+    """Return the values of the cases by most probable effect; one without values is omitted."""
     by_effect: dict[str, list[float]] = {}
     for c in cases:
-        got = value(c)
-        if got is not None:
-            by_effect.setdefault(c.first, []).append(got)
+        for value in values(c):
+            by_effect.setdefault(c.first, []).append(value)
     return by_effect
 
 

@@ -24,6 +24,10 @@ BODIES = ("s_L", "s_R", "c", "p1_L", "p2_L", "p3_L", "p1_R", "p2_R", "p3_R")
 MESHES = tuple(f"{k}{i}_{s}" for k in ("sp", "rp") for s in "LR" for i in (1, 2, 3))
 TOLERANCE = 0.02
 TOLERATED = ("k_sp", "k_rp", "I_s", "I_p", "I_c", "m_p", "I_r", "xi", "e_sp", "e_rp")
+OFF = (  # fields of ``RigModel`` (12,) that are 0 without effects; their array is shared
+    *("k_half", "k_drift", "phase_by_load", "shift_sin", "offset", "rounding", "bent", "c_share"),
+    *("cross", "friction", "hysteresis", "c_square", "film", "k_turn", "k_second"),
+)
 
 
 @dataclass(frozen=True)
@@ -173,20 +177,16 @@ def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Ri
     zero = np.zeros(N_MESH)
     unit = c.b_c * omega_n() ** 2
     return RigModel(
+        **dict.fromkeys(OFF, zero),
         mass=np.array([m_s, m_s, m_c, *[m_pl] * 6, m_r, m_r, *[c.m_p] * 3, 0.3 * m_c]),
         free=np.concatenate([np.ones(N_BODY), np.zeros(N_COORDINATE - N_BODY)]),
         stiffness=k,
         k_cos=np.full((1, N_MESH), c.k_amp),
         k_sin=np.zeros((1, N_MESH)),
-        k_half=zero.copy(),
-        k_drift=zero.copy(),
-        phase_by_load=zero.copy(),
         shift_cos=np.ones(N_MESH),
-        shift_sin=zero.copy(),
         error=np.repeat([c.e_sp, c.e_rp], 6),
         p_cos=np.zeros((0, N_MESH)),
         p_sin=np.zeros((0, N_MESH)),
-        offset=zero.copy(),
         turn_cycles=zero + 27.0,
         turn_cos=np.zeros((0, N_MESH)),
         turn_sin=np.zeros((0, N_MESH)),
@@ -194,17 +194,12 @@ def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Ri
         window=np.zeros((2, N_TABLE)),
         half_backlash=half_backlash(c, point["delta_T"]),
         half_back=half_backlash(c, point["delta_T"]),
-        rounding=zero.copy(),
         hertz=np.ones(N_MESH),
-        bent=zero.copy(),
         bend=np.zeros((2, N_TABLE)),
         damping=2.0 * c.xi * np.sqrt(k / (1.0 / other + 1.0 / m_pl)),
-        c_share=zero.copy(),
         c_power=np.array([0.0, 1e-5]),
         c_curve=np.zeros((2, 0)),
         c_out=0.0,
-        cross=zero.copy(),
-        friction=zero.copy(),
         pitch=0.0,
         rub=np.zeros((2, 0)),
         ring=np.zeros(4),
@@ -213,11 +208,6 @@ def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Ri
         output=np.array([0.0, 1.0]),
         shock=np.array([0.0, 10.0, 1.0]),
         gyro=0.0,
-        hysteresis=zero.copy(),
-        c_square=zero.copy(),
-        film=zero.copy(),
-        k_turn=zero.copy(),
-        k_second=zero.copy(),
         bar=0.0,
         windage=0.0,
         ripple_order=1.0,

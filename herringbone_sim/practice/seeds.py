@@ -10,6 +10,8 @@ from pathlib import Path
 from herringbone_sim.errors import AnalysisError, ParameterError, shown
 from herringbone_sim.recording.safe_yaml import read_yaml
 
+MOST = 1_000_000  # seeds of a command
+
 
 @dataclass(frozen=True)
 class Frozen:
@@ -37,19 +39,23 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the seeds of ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
 
     Raises:
-        ParameterError: another form, a negative seed, or none.
+        ParameterError: another form, a negative seed, none, or more than 1000000.
     """
-    seeds: set[int] = set()
+    ranges = []
     try:
         for part in text.split(","):
             first, colon, end = part.strip().partition(":")
-            seeds |= set(range(int(first), int(end))) if colon else {int(first)}
+            ranges.append(range(int(first), int(end) if colon else int(first) + 1))
     except ValueError:
         raise ParameterError(
-            f"seeds are numbers and ranges, got {text!r}: write them like 2000:2200 or 1,5,9"
+            f"seeds are numbers and ranges, got {shown(text)}: write them like 2000:2200 or 1,5,9"
         ) from None
+    count = sum(max(one.stop - one.start, 0) for one in ranges)
+    if count > MOST:
+        raise ParameterError(f"up to {MOST} seeds at a time, got {shown(count)}: name fewer")
+    seeds = {seed for one in ranges for seed in one}
     if not seeds or min(seeds) < 0:
-        raise ParameterError(f"seeds must be one or more, none below 0, got {text!r}")
+        raise ParameterError(f"seeds must be one or more, none below 0, got {shown(text)}")
     return tuple(sorted(seeds))
 
 

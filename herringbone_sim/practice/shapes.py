@@ -25,7 +25,8 @@ forget_stale(Path(__file__).parent, Path(__file__).parent)
 compiled: Any = njit(cache=True, **COMPILED)
 
 
-def _read(table: Array, z: float) -> tuple[float, float]:
+@compiled
+def read(table: Array, z: float) -> tuple[float, float]:
     """Return value and slope d/dz of a ``tables.table`` at z, clamped to 0..1."""
     cells = table.shape[1] - 1
     at = min(max(z, 0.0), 1.0) * cells
@@ -39,19 +40,15 @@ def _read(table: Array, z: float) -> tuple[float, float]:
     return value, cells * (p + u * (2.0 * turn + 3.0 * u * bend))
 
 
-read: Any = compiled(_read)
-
-
-def _by_depth(table: Array, depth: float) -> float:
+@compiled
+def by_depth(table: Array, depth: float) -> float:
     """Return the value of a table at a deflection [m]."""
     value: float = read(table, depth / (depth + HALFWAY) / LARGEST)[0]
     return value
 
 
-by_depth: Any = compiled(_by_depth)
-
-
-def _window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
+@compiled
+def window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
     """Return the strength of the tooth event of mesh m and its derivative by phase [1/rad].
 
     The strength is 0 outside of the event and 1 at its peak, whatever the size of the event.
@@ -67,10 +64,8 @@ def _window(p: RigModel, m: int, phase: float) -> tuple[float, float]:
     return value, slope / (TWO_PI * p.event[2, m])
 
 
-window: Any = compiled(_window)
-
-
-def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
+@compiled
+def displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tuple[float, float]:
     """Return the displacement [m] subtracted from the deflection of mesh m, and its slope [m/rad].
 
     It is e(t) plus the displacements by effects, which encoders do not measure; the slope is by
@@ -99,10 +94,8 @@ def _displaced(p: RigModel, m: int, phase: float, cos: float, sin: float) -> tup
     return value, slope
 
 
-displaced: Any = compiled(_displaced)
-
-
-def _flank(x: float, drive: float, back: float, rounding: float) -> float:
+@compiled
+def flank(x: float, drive: float, back: float, rounding: float) -> float:
     """Return the backlash function, Eq. (1), of x [m], its corners rounded over a width [m]."""
     if rounding == 0.0:
         return x - drive if x > drive else (x + back if x < -back else 0.0)
@@ -111,12 +104,8 @@ def _flank(x: float, drive: float, back: float, rounding: float) -> float:
     return 0.5 * (ahead - behind)
 
 
-flank: Any = compiled(_flank)
-
-
-def _spring(
-    p: RigModel, m: int, f: float, phase: float, cos: float, sin: float, t: float
-) -> float:
+@compiled
+def spring(p: RigModel, m: int, f: float, phase: float, cos: float, sin: float, t: float) -> float:
     """Return the spring force [N] of mesh m at the deflection f [m]."""
     if p.phase_by_load[m] != 0.0:
         turn = p.phase_by_load[m] * np.tanh(abs(f) / 1e-5)
@@ -143,10 +132,8 @@ def _spring(
     return force
 
 
-spring: Any = compiled(_spring)
-
-
-def _damper(p: RigModel, m: int, f: float, v: float) -> float:
+@compiled
+def damper(p: RigModel, m: int, f: float, v: float) -> float:
     """Return the damping force [N] of mesh m at deflection f [m] and rate v [m/s]."""
     if p.c_share[m] == 0.0:
         return float(p.damping[m] * v)
@@ -160,10 +147,8 @@ def _damper(p: RigModel, m: int, f: float, v: float) -> float:
     return float(p.damping[m] * (1.0 - p.c_share[m] * (1.0 - lives)) * v)
 
 
-damper: Any = compiled(_damper)
-
-
-def _random_function(
+@compiled
+def random_function(
     p: RigModel,
     f: float,
     v: float,
@@ -187,10 +172,8 @@ def _random_function(
     return value, slope
 
 
-random_function: Any = compiled(_random_function)
-
-
-def _rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
+@compiled
+def rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
     """Add the sliding friction of mesh m to the forces ``extra`` on the coordinates, in place.
 
     It is the coefficient ``p.friction[m]`` times |force|, with the sign of sliding, or with the
@@ -216,6 +199,3 @@ def _rub(p: RigModel, m: int, force: float, phase: float, extra: Array) -> None:
     else:
         extra[planet] -= rub * (tan + on_planet)
         extra[2] += rub * tan
-
-
-rub: Any = compiled(_rub)

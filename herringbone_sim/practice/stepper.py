@@ -6,8 +6,6 @@ control shortens the step there.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from herringbone_sim.arrays import Array
@@ -32,7 +30,8 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 FARTHEST = 1.0  # displacement [m] of the carrier beyond which the motion has diverged
 
 
-def _run(
+@compiled
+def run(
     p: RigModel,
     phase0: float,
     y: Array,
@@ -97,10 +96,8 @@ def _run(
     return times.size
 
 
-run: Any = compiled(_run)
-
-
-def _accelerate(
+@compiled
+def accelerate(
     p: RigModel,
     times: Array,
     phase: Array,
@@ -118,9 +115,6 @@ def _accelerate(
         rate(p, times[i], phase[i] - p.omega * times[i], states[i], slope, force, extra, depth)
         for k in range(accelerations.shape[1]):
             accelerations[i, k] = slope[half + k]
-
-
-accelerate: Any = compiled(_accelerate)
 
 
 def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from herringbone_sim.recording.cdr import Buffer
-from herringbone_sim.recording.guarded_file import FileIdentity, GuardedFile
+from herringbone_sim.recording.guarded_file import GuardedFile
 from herringbone_sim.recording.safe_yaml import parse_yaml
 from herringbone_sim.recording.schemas import MessageType, dump_yaml
 
@@ -157,31 +157,21 @@ class Bag:
     Chunks are compressed with lz4, which on float64 samples takes a third of the time of the zstd
     of ``mcap``. Every method may raise OSError, or FileLostError if another program deleted,
     replaced, cut or moved the file; after an error only ``end`` (for a file that was moved),
-    ``close`` and ``abandon`` may be called.
+    ``stream.close`` and ``abandon`` may be called.
+
+    Attributes:
+        stream: the file.
+        complete: whether index and footer are written.
     """
 
     def __init__(self, path: Path) -> None:
         """Create the file ``path``, which must not exist, and write the MCAP header."""
-        self._stream = GuardedFile(path)
-        self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE, compression=CompressionType.LZ4)
+        self.stream = GuardedFile(path)
+        self.complete = False
+        self._writer = Writer(self.stream, chunk_size=CHUNK_SIZE, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library=LIBRARY)
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._tallies: dict[int, Tally] = {}
-        self._complete = False
-
-    @property
-    def path(self) -> Path:
-        return self._stream.path
-
-    @property
-    def complete(self) -> bool:
-        """Whether index and footer are written."""
-        return self._complete
-
-    @property
-    def size(self) -> int:
-        """Size of the file [bytes], without messages that are still buffered."""
-        return self._stream.position
 
     @property
     def tallies(self) -> tuple[Tally, ...]:
@@ -206,46 +196,35 @@ class Bag:
         tally = self._tallies[channel]
         self._writer.add_message(channel, log_ns, message, publish_ns, sequence=tally.count)
         tally.add(log_ns)
-        self._stream.whole = self._stream.position
+        self.stream.whole = self.stream.position
 
     def flush(self) -> None:
         """Write all buffered messages to the disk, so that they survive a kill and a power cut."""
-        self._stream.check()
+        self.stream.check()
         self._writer.flush()
-        self._stream.whole = self._stream.position
-        self._stream.check()
+        self.stream.whole = self.stream.position
+        self.stream.check()
 
     def add_record(self, name: str, content: Mapping[str, str]) -> None:
         """Append an MCAP metadata record."""
         self._writer.add_metadata(name, dict(content))
 
-    def rename(self, path: Path) -> None:
-        """Rename the file to a path that must not exist."""
-        self._stream.rename(path)
-
-    def check(self) -> FileIdentity:
-        """Return identity and size of the file; FileLostError if it was changed from outside."""
-        return self._stream.check()
-
     def end(self, file_name: str | None = None) -> None:
-        """Append rosbag2's metadata record and the index, and flush; call ``close`` next.
+        """Append rosbag2's metadata record and the index, and flush; call ``stream.close`` next.
 
         Args:
             file_name: final name of the file, if it will be renamed.
         """
-        information = split_metadata({file_name or self.path.name: self.tallies})
+        information = split_metadata({file_name or self.stream.path.name: self.tallies})
         self.add_record("rosbag2", {"serialized_metadata": dump_yaml(information)})
         self._writer.finish()
-        self._stream.flush()
-        self._stream.whole = self._stream.position
-        self._complete = True
-
-    def close(self) -> None:
-        self._stream.close()
+        self.stream.flush()
+        self.stream.whole = self.stream.position
+        self.complete = True
 
     def abandon(self) -> None:
         """Truncate the file after its last complete record and close it, without an index."""
         try:
-            self._stream.cut()
+            self.stream.cut()
         finally:
-            self._stream.close()
+            self.stream.close()

@@ -86,10 +86,6 @@ class CdrReader:
         self.at += struct.calcsize(f"<{code}")
         return int(value)
 
-    def double(self) -> float:
-        """Read one float64."""
-        return float(self.array("f8", 1)[0])
-
     def raw(self, size: int) -> memoryview:
         """Read ``size`` bytes; struct.error if the message is shorter."""
         if self.at + size > len(self.data):

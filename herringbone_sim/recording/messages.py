@@ -99,40 +99,29 @@ def _names(label: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in label.split(","))
 
 
-@dataclass(frozen=True)
-class JointState:
-    """Content of a sensor_msgs/JointState: m meshes at one instant.
+def encode_joint_state(
+    stamp_ns: int, names: tuple[str, ...], position: Array, velocity: Array, effort: Array
+) -> bytes:
+    """Serialise a sensor_msgs/JointState: m meshes at one instant.
 
-    Attributes:
+    Args:
         stamp_ns: time of the header [ns].
         names: m mesh names.
         position, velocity, effort: (m,) displacement [m], velocity [m/s], force [N].
-    """
-
-    stamp_ns: int
-    names: tuple[str, ...]
-    position: Array
-    velocity: Array
-    effort: Array
-    frame_id: str = ""
-
-
-def encode_joint_state(state: JointState) -> bytes:
-    """Serialise a sensor_msgs/JointState.
 
     Raises:
         RecordingError: the arrays are not all as long as the names.
     """
-    arrays = (state.position, state.velocity, state.effort)
-    if any(len(array) != len(state.names) for array in arrays):
+    arrays = (position, velocity, effort)
+    if any(len(array) != len(names) for array in arrays):
         raise RecordingError(
-            f"position, velocity and effort must be as long as the {len(state.names)} names, got "
+            f"position, velocity and effort must be as long as the {len(names)} names, got "
             f"{', '.join(str(len(array)) for array in arrays)}: give one value a mesh in each"
         )
     out = CdrWriter()
-    out.pack("iI", *divmod(state.stamp_ns, 10**9))
-    out.text(state.frame_id)
-    out.texts(state.names)
+    out.pack("iI", *divmod(stamp_ns, 10**9))
+    out.text("")
+    out.texts(names)
     for array in arrays:
         out.numbers("d", [float(value) for value in array])
     return bytes(out.buffer)
@@ -192,15 +181,18 @@ def _write_value(out: CdrWriter, value: Value) -> None:
 def _read_value(source: CdrReader) -> Value:
     """Read a rcl_interfaces/ParameterValue; None if it is unset or of an unknown type."""
     kind = source.scalar("B")
-    scalars = (None, bool(source.scalar("B")), source.scalar("q"), source.double(), source.text())
-    arrays = (
+    values: tuple[Value, ...] = (
+        None,
+        bool(source.scalar("B")),
+        source.scalar("q"),
+        float(source.array("f8", 1)[0]),
+        source.text(),
         bytes(source.raw(source.scalar("I"))),
         [bool(item) for item in source.raw(source.scalar("I"))],
         [int(item) for item in source.array("i8", source.scalar("I"))],
         [float(item) for item in source.doubles()],
         source.texts(),
     )
-    values: tuple[Value, ...] = (*scalars, *arrays)
     return values[kind] if kind < len(values) else None
 
 

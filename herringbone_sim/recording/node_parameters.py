@@ -82,6 +82,13 @@ OF_NODE: Mapping[str, tuple[Any, Meaning]] = {
 LONGEST_TEXT = 8192  # twice the longest path; /diagnostics carries it every second
 LONGEST_NAME = 64  # characters of an unknown name that are compared with the known ones
 ALIKE = 0.66  # similarity of a mistyped name (difflib ratio); kk and K have two thirds
+# Type of a parameter -> its name in messages, and what to do where a value has another type.
+_KINDS = {
+    bool: ("bool", "give true or false"),
+    int: ("int", "give a whole number"),
+    float: ("float", "give one number"),
+    str: ("a text", "put it in quotes"),
+}
 
 
 def default_of(name: str) -> Any:
@@ -175,9 +182,11 @@ def check(name: str, value: Any) -> None:
         core.coerce(name, value)
         return
     default, about = OF_NODE[name]
-    if isinstance(default, str):
-        if not isinstance(value, str):
-            raise ParameterError(f"{name} must be a text, got {shown(value)}: put it in quotes")
+    kind = type(default)
+    if type(value) is not kind and not (kind is float and type(value) is int):
+        rule, advice = _KINDS[kind]
+        raise ParameterError(f"{name} must be {rule}, got {shown(value)}: {advice}")
+    if kind is str:
         if len(value) > LONGEST_TEXT:
             raise ParameterError(
                 f"{name} must have at most {LONGEST_TEXT} characters, got {len(value)}: shorten it"
@@ -188,15 +197,7 @@ def check(name: str, value: Any) -> None:
             raise ParameterError(
                 f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
             )
-        return
-    if isinstance(default, bool) or isinstance(value, (str, bool)):
-        if type(default) is not type(value):
-            kind = type(default).__name__
-            raise ParameterError(
-                f"{name} must be {kind}, got {shown(value)}: see ros2 param describe"
-            )
-        return
-    if not math.isfinite(value) or not about.low <= value <= about.high:
+    elif kind is not bool and not (math.isfinite(value) and about.low <= value <= about.high):
         raise ParameterError(
             f"{name} [{about.unit}] must be finite and lie in {about.low:g} .. {about.high:g}, "
             f"got {shown(value)}"

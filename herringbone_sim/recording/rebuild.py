@@ -126,7 +126,7 @@ def rebuild(source: Survey, part: Path, name: str) -> Sequence[Tally]:
         for record, content in _records(source):
             bag.add_record(record, content)
         bag.end(name)
-        bag.close()
+        bag.stream.close()
     except BaseException:
         with suppress(OSError):
             bag.abandon()

@@ -71,7 +71,7 @@ class RunFiles:
     RecordingLostError. Every later call is refused.
 
     Args:
-        folder: existing folder of the run.
+        path: existing folder of the run.
         topics: topics of each file; the first two are ``channels`` and ``samples``.
 
     Attributes:
@@ -79,35 +79,35 @@ class RunFiles:
         ended: why the run has ended; None before.
     """
 
-    def __init__(self, folder: Path, topics: Sequence[Topic]) -> None:
-        self.folder = folder
-        self.losses: list[str] = []
+    def __init__(self, path: Path, topics: Sequence[Topic]) -> None:
+        self.path = path
+        self.losses: tuple[str, ...] = ()
         self.ended: str | None = None
         self._topics = topics
         self._counts: list[_Count] = []
         self._finished: list[_Finished] = []
 
     @property
-    def written(self) -> int:
-        """Number of samples counted so far, in all files."""
+    def samples_written(self) -> int:
+        """Number of samples written so far, to compare with those in the files."""
         return sum(count.written for count in self._counts)
 
     @property
-    def flushed(self) -> int:
-        """Number of samples known to be on the disk, in all files."""
+    def samples_kept(self) -> int:
+        """Number of samples known to be on the disk: flushed and not lost since."""
         return sum(count.flushed for count in self._counts)
 
     @property
-    def size(self) -> int:
-        """Size of the current file [bytes]."""
-        return self._bag.size
+    def file_bytes(self) -> int:
+        """Size of the current file [bytes], without samples that are still buffered."""
+        return self._bag.stream.position
 
     @property
-    def first_s(self) -> float:
-        """Time [s] of the first sample of the current file; NaN before it."""
+    def file_first_s(self) -> float:
+        """Time [s] of the first sample of the current file; NaN without samples."""
         return self._counts[-1].first_s
 
-    def open(self, log_ns: int, channels: Buffer) -> None:
+    def _open(self, log_ns: int, channels: Buffer) -> None:
         """Open the next file; it gets its final name once the ``channels`` message is on the disk.
 
         Args:
@@ -117,16 +117,16 @@ class RunFiles:
         Raises:
             OSError: the disk fails, or another program takes the new file away.
         """
-        path = self.folder / f"{self.folder.name}_{len(self._counts)}.mcap"
+        path = self.path / f"{self.path.name}_{len(self._counts)}.mcap"
         part = path.with_name(f"{path.name}.part")
         bag = Bag(part)
         try:
             self._numbers = [bag.add_topic(topic) for topic in self._topics]
             bag.write(self._numbers[0], log_ns, log_ns, channels)
             bag.flush()
-            bag.rename(path)
+            bag.stream.rename(path)
         except BaseException as error:
-            bag.close()
+            bag.stream.close()
             part.unlink(missing_ok=True)
             if isinstance(error, FileLostError):  # of this file, not of the one before it
                 raise OSError(f"{part} {error}") from error
@@ -134,45 +134,50 @@ class RunFiles:
         self._bag = bag
         self._counts.append(_Count())
 
-    def write(self, topic: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
+    def _append(self, topic: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
         """Append a serialised message to the topic with the index ``topic``; times in ns."""
         with self._writing():
             self._bag.write(self._numbers[topic], log_ns, publish_ns, message)
 
-    def count(self, n: int, first_s: float, last_s: float) -> None:
+    def _count(self, n: int, first_s: float, last_s: float) -> None:
         """Count n samples that were appended, with the times [s] of the first and the last."""
         self._counts[-1].add(n, first_s, last_s)
 
     def flush(self) -> None:
-        """Write everything to the disk, and check that the files are intact."""
+        """Write everything to the disk and check the files; call it at least every half second.
+
+        Raises:
+            RecordingLostError: the file is no longer what was written.
+            RecordingError: the disk fails.
+        """
         with self._writing():
             self._bag.flush()
             self._counts[-1].flushed = self._counts[-1].written
         self._note_gone()
 
-    def next(self, log_ns: int, channels: Buffer) -> None:
+    def _next(self, log_ns: int, channels: Buffer) -> None:
         """Finish the current file and open the next one with its ``channels`` message."""
         self._finish({})
         with self._writing():
-            self.open(log_ns, channels)
+            self._open(log_ns, channels)
 
     def close(self, health: Mapping[str, str]) -> None:
         """Finish the current file with the counters ``health``, and write ``metadata.yaml``."""
         self._finish(health)
         self._note_gone()
         self._write_metadata()
-        self.ended = f"the recording {self.folder} is closed: start another"
+        self.ended = f"the recording {self.path} is closed: start another"
 
     def _write_metadata(self) -> None:
         """Write ``metadata.yaml``; RecordingError says how to repair the run if that fails."""
         files = {finished.file.path.name: finished.tallies for finished in self._finished}
         try:
-            write_metadata(self.folder, split_metadata(files))
+            write_metadata(self.path, split_metadata(files))
         except OSError as error:
             said = (
-                f"can't write {self.folder / METADATA_NAME} ({reason(error)}): the recording is "
-                f"finished, {self.flushed} of {self.written} samples are on the disk; "
-                f"{remedy(error)} and run 'python -m herringbone_sim recover {self.folder}'"
+                f"can't write {self.path / METADATA_NAME} ({reason(error)}): the recording is "
+                f"finished, {self.samples_kept} of {self.samples_written} samples are on the "
+                f"disk; {remedy(error)} and run 'python -m herringbone_sim recover {self.path}'"
             )
             self.ended = said
             raise RecordingError(said) from error
@@ -182,8 +187,8 @@ class RunFiles:
         self.flush()
         with self._writing():
             self._end(health)
-            written = self._bag.check()
-            self._bag.close()
+            written = self._bag.stream.check()
+            self._bag.stream.close()
         self._finished.append(_Finished(written, self._bag.tallies, self._counts[-1]))
 
     def _end(self, health: Mapping[str, str]) -> None:
@@ -205,25 +210,25 @@ class RunFiles:
         except OSError as error:
             with suppress(OSError):
                 self._bag.abandon()
-            failed = f"the recording {self.folder} ended early ({reason(error)})"
+            failed = f"the recording {self.path} ended early ({reason(error)})"
             self.ended = f"{failed}: {remedy(error)} and start another"
             raise RecordingError(
-                f"{failed}: {self.flushed} of {self.written} samples were flushed to the disk and "
-                f"stay readable; {remedy(error)}, run 'python -m herringbone_sim recover "
-                f"{self.folder}', and start another"
+                f"{failed}: {self.samples_kept} of {self.samples_written} samples were flushed to "
+                f"the disk and stay readable; {remedy(error)}, run 'python -m herringbone_sim "
+                f"recover {self.path}', and start another"
             ) from error
 
     def _lost(self, lost: FileLostError) -> RecordingLostError:
         """End the run after its current file was lost; return the error that says what is lost."""
-        path, flushed = self._bag.path, self._left(lost)
+        path, flushed = self._bag.stream.path, self._left(lost)
         lies = self._counts[-1].lose(flushed)
         left = f"; the rest is in {lost.where}" if lost.where else ""
         if lost.where and flushed == self._counts[-1].written:
             lies, left = f"nothing is lost, its {flushed} samples are in {lost.where}", ""
         said = f"{path} {lost}: {lies}{left}"
-        self.losses.append(said)
+        self.losses += (said,)
         self._note_gone(Path(lost.where).parent if lost.where else None)
-        self.ended = f"the recording {self.folder} ended, as {path} {lost}: start another"
+        self.ended = f"the recording {self.path} ended, as {path} {lost}: start another"
         return RecordingLostError(said)
 
     def _left(self, lost: FileLostError) -> int:
@@ -231,22 +236,22 @@ class RunFiles:
         if lost.where:
             with suppress(OSError):
                 self._end({})
-                self._bag.close()
+                self._bag.stream.close()
                 return self._counts[-1].written
             with suppress(OSError):
                 self._bag.abandon()
             return self._counts[-1].flushed
-        self._bag.close()
-        return readable_samples(self._bag.path, self._topics[1].name) if lost.cut else 0
+        self._bag.stream.close()
+        return readable_samples(self._bag.stream.path, self._topics[1].name) if lost.cut else 0
 
     def _note_gone(self, moved: Path | None = None) -> None:
         """Add a loss for each finished file not intact in the run folder, nor in ``moved``."""
-        places = [self.folder] if moved is None else [self.folder, moved]
+        places = [self.path] if moved is None else [self.path, moved]
         for finished in list(self._finished):
             faults = [finished.file.fault(place) for place in places]
             if all(faults):
                 self._finished.remove(finished)
-                self.losses.append(f"{finished.file.path} {faults[0]}: {finished.count.lose(0)}")
+                self.losses += (f"{finished.file.path} {faults[0]}: {finished.count.lose(0)}",)
 
 
 def readable_samples(file: Path, topic: str) -> int:

@@ -7,8 +7,7 @@ dates are strings. Limits are checked on the stream of YAML events before any ob
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -93,107 +92,68 @@ def _text(path: Path) -> str:
         raise YamlError(f"no YAML: {error}") from None
 
 
-@dataclass
-class _Open:
-    """A list or mapping whose end event has not come: anchor, keys, numbers of nodes and entries.
-
-    ``keys`` are those seen so far; None for a list. Each key and each value is an entry.
-    """
-
-    anchor: str | None
-    keys: set[str] | None
-    n_nodes: int = 1
-    n_entries: int = 0
-
-    @property
-    def key_comes(self) -> bool:
-        """Whether the next event is a key."""
-        return self.keys is not None and self.n_entries % 2 == 0
-
-
-@dataclass
-class _Measure:
-    """Counter of nodes in a stream of YAML events; raises YamlError where a limit is exceeded.
-
-    Attributes:
-        sizes: anchor -> number of nodes that its aliases stand for.
-        open: the lists and mappings that have not ended, outermost first.
-    """
-
-    sizes: dict[str, int] = field(default_factory=dict)
-    open: list[_Open] = field(default_factory=list)
-
-    def take(self, event: Any) -> None:
-        """Check one event and count its nodes."""
-        if isinstance(event, yaml.AliasEvent):
-            self._add(self._aliased(event))
-        elif isinstance(event, yaml.ScalarEvent):
-            self._scalar(event)
-        elif isinstance(event, yaml.CollectionStartEvent):
-            self._begin(event)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            done = self.open.pop()
-            self._store_size(done.anchor, done.n_nodes)
-            self._add(done.n_nodes)
-        if self.open and self.open[-1].n_nodes > MOST_NODES:
-            raise _refused(event, f"at most {MOST_NODES} values may stand in it, aliases resolved")
-
-    def _aliased(self, event: Any) -> int:
-        """Return the number of nodes that an alias stands for; YamlError if it is undefined."""
-        if self.open and self.open[-1].key_comes:
-            raise _refused(event, "a key must be a text, got an alias")
-        if event.anchor not in self.sizes:
-            raise _refused(event, f"the alias {shown(event.anchor)} stands for nothing whole")
-        return self.sizes[event.anchor]
-
-    def _scalar(self, event: Any) -> None:
-        """Check and count a scalar."""
-        _check_tag(event)
-        if len(event.value) > MOST_CHARACTERS:
-            raise _refused(event, f"a text may have {MOST_CHARACTERS} characters, got more")
-        if len(event.value) > MOST_DIGITS and not event.style and _is_number(event.value):
-            raise _refused(event, f"a number may have {MOST_DIGITS} digits, got more")
-        if self.open and self.open[-1].key_comes:
-            self._key(event)
-        self._store_size(event.anchor, 1)
-        self._add(1)
-
-    def _key(self, event: Any) -> None:
-        """Raise YamlError if a key is repeated in its mapping."""
-        keys = self.open[-1].keys
-        assert keys is not None
-        if event.value in keys:
-            raise _refused(event, f"{shown(event.value)} stands twice: leave one out")
-        keys.add(event.value)
-
-    def _begin(self, event: Any) -> None:
-        """Check the nesting depth and open a list or mapping."""
-        _check_tag(event)
-        if self.open and self.open[-1].key_comes:
-            raise _refused(event, "a key must be a text, got a list or mapping")
-        if len(self.open) == MOST_LEVELS:
-            raise _refused(event, f"lists and mappings may nest {MOST_LEVELS} deep")
-        mapping = isinstance(event, yaml.MappingStartEvent)
-        self.sizes.pop(event.anchor, None)
-        self.open.append(_Open(event.anchor, set() if mapping else None))
-
-    def _store_size(self, anchor: str | None, n_nodes: int) -> None:
-        """Store the number of nodes of an anchor, if there is one."""
-        if anchor is not None:
-            self.sizes[anchor] = n_nodes
-
-    def _add(self, n_nodes: int) -> None:
-        """Add nodes to the enclosing list or mapping."""
-        if self.open:
-            self.open[-1].n_nodes += n_nodes
-            self.open[-1].n_entries += 1
-
-
-def _check(events: Iterable[Any]) -> None:
+def _check(events: Iterator[Any]) -> None:
     """Check all events of a text; YamlError where a limit is exceeded."""
-    measure = _Measure()
+    sizes: dict[str, int] = {}
     for event in events:
-        measure.take(event)
+        if isinstance(event, yaml.NodeEvent):
+            _count(event, events, sizes)
+
+
+def _count(event: Any, events: Iterator[Any], sizes: dict[str, int], level: int = 0) -> int:
+    """Check a value and return its number of nodes, aliases resolved; YamlError beyond a limit.
+
+    Args:
+        event: first event of the value.
+        events: the events after it; those of the value are taken.
+        sizes: anchor -> number of nodes that its aliases stand for; those of the value are added.
+        level: number of lists and mappings around the value.
+    """
+    if isinstance(event, yaml.AliasEvent):
+        if event.anchor not in sizes:
+            raise _refused(event, f"the alias {shown(event.anchor)} stands for nothing whole")
+        return sizes[event.anchor]
+    _check_tag(event)
+    n_nodes = 1
+    if isinstance(event, yaml.ScalarEvent):
+        _check_length(event)
+    else:
+        if level == MOST_LEVELS:
+            raise _refused(event, f"lists and mappings may nest {MOST_LEVELS} deep")
+        sizes.pop(event.anchor, None)
+        keys: set[str] | None = set() if isinstance(event, yaml.MappingStartEvent) else None
+        for number, inner in enumerate(events):
+            if isinstance(inner, yaml.CollectionEndEvent):
+                break
+            if keys is not None and number % 2 == 0:
+                _check_key(inner, keys)
+            n_nodes += _count(inner, events, sizes, level + 1)
+            if n_nodes > MOST_NODES:
+                rule = f"at most {MOST_NODES} values may stand in it, aliases resolved"
+                raise _refused(inner, rule)
+    if event.anchor is not None:
+        sizes[event.anchor] = n_nodes
+    return n_nodes
+
+
+def _check_key(event: Any, keys: set[str]) -> None:
+    """Add a key to those of its mapping; YamlError if it is no text, or there already."""
+    if isinstance(event, yaml.AliasEvent):
+        raise _refused(event, "a key must be a text, got an alias")
+    _check_tag(event)
+    if not isinstance(event, yaml.ScalarEvent):
+        raise _refused(event, "a key must be a text, got a list or mapping")
+    if event.value in keys:
+        raise _refused(event, f"{shown(event.value)} stands twice: leave one out")
+    keys.add(event.value)
+
+
+def _check_length(event: Any) -> None:
+    """Raise YamlError for a scalar that is too long."""
+    if len(event.value) > MOST_CHARACTERS:
+        raise _refused(event, f"a text may have {MOST_CHARACTERS} characters, got more")
+    if len(event.value) > MOST_DIGITS and not event.style and _is_number(event.value):
+        raise _refused(event, f"a number may have {MOST_DIGITS} digits, got more")
 
 
 def _check_tag(event: Any) -> None:

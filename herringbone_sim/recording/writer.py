@@ -6,7 +6,7 @@ at least every half second, ``next_file`` when a file is large enough, and ``clo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.bag import Topic
 from herringbone_sim.recording.cdr import Buffer
 from herringbone_sim.recording.messages import (
-    JointState,
     ParameterEvent,
     Value,
     encode_joint_state,
@@ -74,17 +73,24 @@ def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
     return [slice(start, min(start + most, n)) for start in range(0, n, most)]
 
 
-class RunWriter:
+class RunWriter(RunFiles):
     """Writer of one run, made by ``RunWriter.create``.
 
     The first disk failure raises RecordingError, truncates the file after its last complete record
     and ends the recording: what was written stays readable, every later write raises
     RecordingError, and ``close`` does nothing. If another program deletes, replaces, cuts or moves
     the current file, the recording ends likewise, with RecordingLostError.
+
+    Attributes:
+        path: absolute path of the run folder.
+        losses: a sentence on each file that another program deleted, replaced, cut or moved.
+            Finished files are checked at each ``flush``; their loss raises nothing.
     """
 
-    def __init__(self, files: RunFiles, channel_names: tuple[str, ...], start_ns: int):
-        self._files = files
+    def __init__(
+        self, path: Path, topics: Sequence[Topic], channel_names: tuple[str, ...], start_ns: int
+    ) -> None:
+        super().__init__(path, topics)
         self._names = channel_names
         self._start_ns = start_ns
 
@@ -120,9 +126,9 @@ class RunWriter:
         text = channels_text(channels)
         prefix = f"/{topic_prefix.strip('/')}" if topic_prefix.strip("/") else ""
         folder = make_run_folder(Path(record_dir).absolute(), name)
-        writer = cls(RunFiles(folder, _topics(prefix)), channel_names, start_ns)
+        writer = cls(folder, _topics(prefix), channel_names, start_ns)
         try:
-            writer._files.open(writer._log_ns(t_s), encode_string(text))
+            writer._open(writer._log_ns(t_s), encode_string(text))
         except OSError as error:
             with suppress(OSError):
                 folder.rmdir()
@@ -131,39 +137,6 @@ class RunWriter:
                 "can be written"
             ) from error
         return writer
-
-    @property
-    def path(self) -> Path:
-        """Absolute path of the run folder."""
-        return self._files.folder
-
-    @property
-    def samples_written(self) -> int:
-        """Number of samples passed to ``write_samples``, to compare with those in the files."""
-        return self._files.written
-
-    @property
-    def samples_kept(self) -> int:
-        """Number of samples known to be on the disk: flushed and not lost since."""
-        return self._files.flushed
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """A sentence on each file that another program deleted, replaced, cut or moved.
-
-        Finished files are checked at each ``flush``; their loss is listed here and raises nothing.
-        """
-        return tuple(self._files.losses)
-
-    @property
-    def file_bytes(self) -> int:
-        """Size of the current file [bytes]."""
-        return self._files.size
-
-    @property
-    def file_first_s(self) -> float:
-        """Time [s] of the first sample of the current file; NaN without samples."""
-        return self._files.first_s
 
     def write_samples(self, block: Array, publish_ns: int | None = None) -> None:
         """Write a block (n, c) of samples, split into messages of at most 64 kB.
@@ -186,7 +159,7 @@ class RunWriter:
         for rows in split_rows(len(block), len(self._names), label_bytes):
             message, first_s = encode_samples(self._names, block[rows]), float(times[rows.start])
             self._write(SAMPLES, first_s, message, publish_ns)
-            self._files.count(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
+            self._count(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
 
     def write_state(
         self,
@@ -209,8 +182,8 @@ class RunWriter:
             RecordingError: a time that is not finite, an array not as long as ``names``, a disk
                 that fails, or a recording that has ended.
         """
-        state = JointState(self._stamp(t_s), names, position, velocity, effort)
-        self._write(STATE, t_s, encode_joint_state(state), publish_ns)
+        message = encode_joint_state(self._stamp(t_s), names, position, velocity, effort)
+        self._write(STATE, t_s, message, publish_ns)
 
     def write_parameter_event(
         self,
@@ -234,15 +207,6 @@ class RunWriter:
         event = ParameterEvent(self._stamp(t_s), node_name, changed)
         self._write(EVENTS, t_s, encode_parameter_event(event), publish_ns)
 
-    def flush(self) -> None:
-        """Write everything to the disk and check the files; call it at least every half second.
-
-        Raises:
-            RecordingLostError: the file is no longer what was written.
-            RecordingError: the disk fails.
-        """
-        self._files.flush()
-
     def next_file(self, channels: Mapping[str, Any], t_s: float) -> None:
         """Finish the current file and begin the next: ``NAME_1.mcap`` after ``NAME_0.mcap``.
 
@@ -255,7 +219,7 @@ class RunWriter:
             RecordingLostError: the file is no longer what was written.
             RecordingError: the disk fails.
         """
-        self._files.next(self._log_ns(t_s), encode_string(channels_text(channels)))
+        self._next(self._log_ns(t_s), encode_string(channels_text(channels)))
 
     def close(self, health: Mapping[str, str] | None = None) -> None:
         """Finish the file and write ``metadata.yaml``; do nothing if the recording has ended.
@@ -267,8 +231,8 @@ class RunWriter:
             RecordingLostError: the file is no longer what was written.
             RecordingError: the disk fails.
         """
-        if not self._files.ended:
-            self._files.close(health or {})
+        if not self.ended:
+            super().close(health or {})
 
     def _stamp(self, t_s: float) -> int:
         """Convert a time [s] to nanoseconds; RecordingError if it is not finite."""
@@ -282,7 +246,7 @@ class RunWriter:
     def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
         """Append the message of time t_s [s] to the topic with the index ``topic``."""
         log_ns = self._log_ns(t_s)
-        self._files.write(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
+        self._append(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
 
     def _log_ns(self, t_s: float) -> int:
         """Return the wall time [ns] of a simulation time [s]."""

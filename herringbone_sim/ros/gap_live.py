@@ -24,7 +24,6 @@ from std_msgs.msg import Float64MultiArray, String
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.stream.comparison import Comparison, ComparisonResult, SampleStream
-from herringbone_sim.recording.messages import JointState as Values
 from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns
 from herringbone_sim.ros.guarded import GuardedNode, one_line
@@ -103,23 +102,22 @@ class GapNode(GuardedNode):
         """Publish residual by place, rig minus simulator by mesh, and the whole as JSON."""
         residual = picture.residual
         if residual is not None and picture.rig.fresh:
-            values = Values(
+            message = encode_joint_state(
                 stamp_ns(residual.t_s),
                 residual.places,
                 residual.shares,
                 residual.chi,
                 residual.rms_by_place,
             )
-            self._residual.publish(encode_joint_state(values))
+            self._residual.publish(message)
         a, b = picture.rig_motion, picture.simulator_motion
         if picture.comparable and a is not None and b is not None:
             apart = a.contact_shares - b.contact_shares
             rows = np.stack([apart[:, 2], apart[:, 0], a.force_rms_n - b.force_rms_n])
             there = np.flatnonzero(np.all(np.isfinite(rows), axis=0))
             names = tuple(a.meshes[j] for j in there)
-            position, velocity, effort = rows[:, there]
-            values = Values(stamp_ns(picture.rig.t_s), names, position, velocity, effort)
-            self._difference.publish(encode_joint_state(values))
+            stamp = stamp_ns(picture.rig.t_s)
+            self._difference.publish(encode_joint_state(stamp, names, *rows[:, there]))
         self._place.publish(String(data=json.dumps(data(picture))))
 
 

@@ -19,22 +19,18 @@ from herringbone_sim.views.mirror.mirror import RerunMirror
 from herringbone_sim.views.mirror.target import MirrorTarget
 
 
-class Mirror:
-    """Passes deliveries to a ``RerunMirror``; does nothing with the parameter ``mirror: off``."""
+class Mirror(RerunMirror):
+    """Mirror of the deliveries of a node; does nothing with the parameter ``mirror: off``.
 
-    def __init__(self, mirror: RerunMirror) -> None:
-        self._mirror = mirror
-        self._label = ""
+    Args:
+        model: model at the start of the run.
+        options: values of the parameters ``mirror*`` by name.
+        report: called with a text on each failure.
+    """
 
-    @classmethod
-    def of(cls, model: Model, options: Mapping[str, Any], report: Callable[[str], None]) -> Mirror:
-        """Create the mirror by the node's parameters ``mirror*``; ParameterError if invalid.
-
-        Args:
-            model: model at the start of the run.
-            options: values of the parameters ``mirror*`` by name.
-            report: called with a text on each failure.
-        """
+    def __init__(
+        self, model: Model, options: Mapping[str, Any], report: Callable[[str], None]
+    ) -> None:
         s = model.scales
         target = MirrorTarget(
             options["mirror"],
@@ -43,21 +39,12 @@ class Mirror:
             options["mirror_memory"],
         )
         drawing = Drawing(model.layout, Scale(s.b_c, half_backlash(model), s.omega_n))
-        return cls(RerunMirror(target, drawing, report=lambda text: report(f"mirror {text}")))
-
-    @property
-    def state(self) -> str:
-        """State of the mirror, as shown in ``/diagnostics``."""
-        return self._mirror.state
-
-    @property
-    def dropped(self) -> int:
-        """Number of blocks that were not shown."""
-        return self._mirror.dropped
+        self._label = ""
+        super().__init__(target, drawing, report=lambda text: report(f"mirror {text}"))
 
     def show(self, deliveries: list[Delivery], regime: Regime) -> None:
         """Queue deliveries, with the regime at their end, for the viewer without waiting."""
-        if self._mirror.mode == "off":
+        if self.mode == "off":
             return
         last = deliveries[-1]
         names, p = last.model.layout.channels, last.model.parameters
@@ -76,7 +63,7 @@ class Mirror:
             exponent=regime.exponent,
             b_half=half_backlash(last.model),
         )
-        self._mirror.put(block)
+        self.put(block)
 
     def _events(self, deliveries: list[Delivery], regime: Regime) -> tuple[str, ...]:
         """Texts on the parameter changes of deliveries, and on a change of the regime."""
@@ -89,6 +76,3 @@ class Mirror:
             self._label = regime.label
             lines.append(f"t = {deliveries[-1].block.end.t:.6f} s: {regime.label}")
         return tuple(lines)
-
-    def close(self) -> None:
-        self._mirror.close()

@@ -71,7 +71,7 @@ class SimulatorNode(GuardedNode):
         self._decimate = Decimator(self._get("publish_rate"))
         full_name = self.get_fully_qualified_name()
         self.recorder = Recorder(full_name, self._decimate, self.get_logger().error)
-        self.mirror = Mirror.of(model, self._mirror_options(), self._mirror_failed)
+        self.mirror = Mirror(model, self._mirror_options(), self._mirror_failed)
         self.streams = Streams(self, self._decimate, self._mirror_on)
         self.loop = Loop(
             model,
@@ -326,11 +326,6 @@ class SimulatorNode(GuardedNode):
         if text != self._last_said:
             self._last_said = text
             self.get_logger().info(text)
-
-    @property
-    def real_time_factor(self) -> float:
-        """Requested simulation time over wall time."""
-        return float(self._get("real_time_factor"))
 
     def destroy_node(self) -> None:
         """Stop the loop, finish the recording and the mirror, then destroy the node."""

@@ -12,13 +12,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.ros.session import (
-    Limits,
-    Outcome,
-    Place,
-    Session,
-    loss_summary,
-)
+from herringbone_sim.ros.session import Limits, Outcome, Session, loss_summary
 from herringbone_sim.runtime import Delivery
 
 UNLIMITED = Limits()
@@ -85,9 +79,10 @@ class Recorder:
         """
         if self._session:
             raise RecordingError(f"already recording to {self.path}: call record/stop first")
-        place = Place(record_dir.absolute(), name, self._node_name, limits)
         first = (model, state, actives, clock)
-        self._session = Session(place, first, self._decimate, self._warn)
+        self._session = Session(
+            record_dir.absolute(), name, self._node_name, limits, first, self._decimate, self._warn
+        )
         return self._session.path
 
     def put(self, delivery: Delivery) -> None:

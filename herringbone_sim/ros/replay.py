@@ -24,7 +24,6 @@ from tqdm import tqdm
 
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.errors import ParameterError, shown
-from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import split_rows, stamp_ns
@@ -271,7 +270,7 @@ class _Player:
             row = {name: series[name][points[-1]] for name in series.names}
             x, v, force = (np.array([row[f"{a}_{m}"] for m in self.meshes]) for a in "xvF")
             stamp = stamp_ns(float(series.times[points[-1]]))
-            self.state.publish(encode_joint_state(StateSample(stamp, self.meshes, x, v, force)))
+            self.state.publish(encode_joint_state(stamp, self.meshes, x, v, force))
 
     def _wait_for_listeners(self) -> None:
         """Wait up to 2 s for a subscriber of the samples."""

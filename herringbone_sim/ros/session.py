@@ -13,7 +13,7 @@ from typing import Any
 
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.layout import describe
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, by_kind
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.errors import RecordingError, RecordingLostError
@@ -69,8 +69,7 @@ def content_of(delivery: Delivery) -> dict[str, Any]:
 
 def half_backlash(model: Model) -> dict[str, float]:
     """Half-backlash b' [m] of the first mesh of each kind, ``sp`` and ``rp``."""
-    half = model.half_backlash_m
-    return {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
+    return by_kind(model.half_backlash_m)
 
 
 @dataclass(frozen=True)
@@ -124,28 +123,14 @@ def loss_summary(losses: Sequence[str]) -> str:
     return "; ".join([*losses[-MOST_LISTED:], *more])
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where and how a recording is written.
-
-    Attributes:
-        record_dir: folder that contains the run folders.
-        name: name of the run.
-        node_name: full name of the node, the prefix of its topics.
-        limits: limits of each file.
-    """
-
-    record_dir: Path
-    name: str
-    node_name: str
-    limits: Limits
-
-
 class Session:
     """Writes deliveries to a run in a thread; continues in a new run if its file is lost.
 
     Args:
-        place: folder, name and limits of the files.
+        record_dir: folder that contains the run folders.
+        name: name of the run.
+        node_name: full name of the node, the prefix of its topics.
+        limits: limits of each file.
         first: model, state, effects and clock at the first sample.
         decimate: selects the rows of a delivery that go to ``state``.
         warn: called with a text if the recording fails or loses samples.
@@ -160,12 +145,18 @@ class Session:
 
     def __init__(
         self,
-        place: Place,
+        record_dir: Path,
+        name: str,
+        node_name: str,
+        limits: Limits,
         first: tuple[Model, State, Sequence[Active], Clock | None],
         decimate: Callable[[Delivery], list[int]],
         warn: Callable[[str], None],
     ) -> None:
-        self._place = place
+        self._record_dir = record_dir
+        self._name = name
+        self._node_name = node_name
+        self._limits = limits
         self._decimate = decimate
         self._warn = warn
         self._queue: Queue[Delivery | None] = Queue(QUEUE_BLOCKS)
@@ -173,16 +164,15 @@ class Session:
         model, state, _, _ = first
         self._start_ns = time.time_ns() - round(state.t * 1e9)
         self._vanished = False
-        self._runs = [self._create(place.name, model, channels_content(*first), state.t)]
+        self._runs = [self._create(name, model, channels_content(*first), state.t)]
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
     def _create(self, name: str, model: Model, content: dict[str, Any], t_s: float) -> RunWriter:
         """Create a run folder and return its writer."""
-        place, names = self._place, model.layout.channels
-        start = self._start_ns
+        names, start = model.layout.channels, self._start_ns
         return RunWriter.create(
-            place.record_dir, name, place.node_name, content, names, start, t_s
+            self._record_dir, name, self._node_name, content, names, start, t_s
         )
 
     @property
@@ -273,12 +263,12 @@ class Session:
         """Open the file for a delivery: the current or next one, or the first of a new run."""
         t_s = float(delivery.block.rows[0, 0])
         try:
-            if not self._vanished and self._place.limits.reached(self._runs[-1], t_s):
+            if not self._vanished and self._limits.reached(self._runs[-1], t_s):
                 self._runs[-1].next_file(content_of(delivery), t_s)
         except RecordingLostError:
             self._vanished = True
         if self._vanished:
-            name = next_run(self._place.record_dir / self._place.name)
+            name = next_run(self._record_dir / self._name)
             self._runs.append(self._create(name, delivery.model, content_of(delivery), t_s))
             self._vanished = False
             self._warn(f"recording goes on in {self.path}")
@@ -289,7 +279,7 @@ class Session:
         now = time.time_ns()
         for change in delivery.changes:
             values = dict(change.values)
-            writer.write_parameter_event(change.t_s, self._place.node_name, values, now)
+            writer.write_parameter_event(change.t_s, self._node_name, values, now)
         writer.write_samples(block.rows, now)
         n = layout.n_mesh
         for i in self._decimate(delivery):

@@ -27,7 +27,7 @@ def simulator_status(node: SimulatorNode) -> DiagnosticStatus:
         "t": f"{loop.t_s:.9g}",
         "paused": str(loop.paused).lower(),
         "effects": effects_text(loop.actives),
-        "real_time_factor": repr(node.real_time_factor),
+        "real_time_factor": repr(node.get_parameter("real_time_factor").value),
         "real_time_factor_reached": f"{reached:.4f}",
         "overruns": str(loop.pace.overruns),
         "samples": str(loop.pace.samples),
@@ -59,12 +59,12 @@ def status_of(
 
 def _level(node: SimulatorNode) -> tuple[bytes, str]:
     """Level and message of the most severe condition of the node."""
-    loop = node.loop
+    loop, factor = node.loop, node.get_parameter("real_time_factor").value
     if node.fault or node.recorder.error:
         return DiagnosticStatus.ERROR, node.fault or node.recorder.error
     if not loop.ready:
         return DiagnosticStatus.OK, f"{'compiling' if loop.compiling else 'loading'} the kernel"
-    if not loop.paused and loop.pace.reached < BEHIND * node.real_time_factor:
+    if not loop.paused and loop.pace.reached < BEHIND * factor:
         return DiagnosticStatus.WARN, "behind"
     if node.mirror.state.startswith("failed"):
         return DiagnosticStatus.WARN, node.mirror.state

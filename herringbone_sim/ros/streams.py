@@ -23,7 +23,6 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Clock
 from herringbone_sim.effects.written import effects_text
-from herringbone_sim.recording.messages import JointState as StateSample
 from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.recording.writer import split_rows, stamp_ns
 from herringbone_sim.ros.qos import LATCHED, STREAM, open_publisher
@@ -151,12 +150,6 @@ class Streams:
         with self._counting:
             self.dropped += 1
 
-    def announce(self, delivery: Delivery) -> None:
-        """Publish ``~/channels``: names, units, parameters in force, latest changes with their
-        times.
-        """
-        self._publish_channels(content_of(delivery), delivery.changes)
-
     def _publish_channels(self, content: dict[str, Any], changes: Sequence[Change]) -> None:
         """Publish the content of ``~/channels`` with the latest parameter changes."""
         content["changes"] = [{"t": c.t_s, "values": dict(c.values)} for c in changes]
@@ -185,7 +178,7 @@ class Streams:
         """Publish one delivery: samples, section, state, and ``~/channels`` after a change."""
         block, names = delivery.block, delivery.model.layout.channels
         if delivery.changes or delivery.restarted or self.regime is None:
-            self.announce(delivery)
+            self._publish_channels(content_of(delivery), delivery.changes)
             self._monitor.restart()
         self._monitor.update(block, delivery.model)
         self.regime = self._monitor.regime(delivery.model) if self.regime is None else self.regime
@@ -211,8 +204,8 @@ class Streams:
         """Publish displacement, velocity and force of all meshes of one sample."""
         n = model.layout.n_mesh
         x, v, force = row[5 : 5 + n], row[5 + n : 5 + 2 * n], row[5 + 2 * n : 5 + 3 * n]
-        sample = StateSample(stamp_ns(float(row[0])), model.layout.meshes, x, v, force)
-        self._state.publish(encode_joint_state(sample))
+        stamp = stamp_ns(float(row[0]))
+        self._state.publish(encode_joint_state(stamp, model.layout.meshes, x, v, force))
 
     def _try_regime(self) -> None:
         """Publish the regime of the deliveries since the last call, if any.

@@ -113,17 +113,13 @@ class Loop:
         self._state = machine.start(tangents=1)
 
     @property
-    def _model(self) -> Model:
-        return self._stepper.model
-
-    @property
     def paused(self) -> bool:
         return self._paused
 
     @property
     def model(self) -> Model:
         """The model in force."""
-        return self._model
+        return self._stepper.model
 
     @property
     def actives(self) -> tuple[Active, ...]:
@@ -269,12 +265,12 @@ class Loop:
             if not self._paused:
                 raise HerringboneError("step needs a paused simulation: call pause first")
             if self._step:
-                done = self._step.done(self._model, self._state)
+                done = self._step.done(self.model, self._state)
                 raise HerringboneError(
                     f"a step is under way, {done:g} of {self._step.cycles} mesh cycles are done: "
                     "wait for it, or end it with pause"
                 )
-            self._step = step = Step(cycles, self._model, self._state)
+            self._step = step = Step(cycles, self.model, self._state)
             self._lock.notify_all()
         return step.ended.result()
 
@@ -287,7 +283,7 @@ class Loop:
             step, self._step = self._step, None
             if step:
                 step.cut = step.cut or cut
-                step.end(self._model, self._state)
+                step.end(self.model, self._state)
 
     def call(self, do: Callable[[Model, State], T], timeout_s: float = 30.0) -> T:
         """Run do(model, state) in the loop's thread between two blocks, and return its result.
@@ -309,7 +305,7 @@ class Loop:
             if not answer.set_running_or_notify_cancel():
                 return
             try:
-                answer.set_result(do(self._model, self._state))
+                answer.set_result(do(self.model, self._state))
             except Exception as error:
                 answer.set_exception(error)
 
@@ -378,7 +374,7 @@ class Loop:
         restarted, changes = self._untold
         self._untold = (False, ())
         clock, shown = self.clock, self._sensors.show(block)
-        made = Delivery(shown, self._model, changes, restarted, self._actives, clock)
+        made = Delivery(shown, self.model, changes, restarted, self._actives, clock)
         self._deliver(made)
         with self._lock:
             self._account(block)
@@ -395,7 +391,7 @@ class Loop:
                 return
             self._pending.pop(0)
             if self._step:
-                self._step.changed(self._model, wanted.machine.model)
+                self._step.changed(self.model, wanted.machine.model)
             self._state = change(self._stepper, wanted.machine, self._state)
             shown = self._sensors.shown_s(self._state.t)
             self._stepper, self._actives = wanted.machine, wanted.actives
@@ -406,14 +402,14 @@ class Loop:
 
     def _off_grid(self, model: Model) -> bool:
         """Whether a model changes the grid of steps or samples at another phase than 0."""
-        same = model.parameters.steps == self._model.parameters.steps
-        same &= model.parameters.samples_per_cycle == self._model.parameters.samples_per_cycle
+        same = model.parameters.steps == self.model.parameters.steps
+        same &= model.parameters.samples_per_cycle == self.model.parameters.samples_per_cycle
         return not same and self._state.index != 0
 
     def _block_length(self) -> int:
-        n = block_length(self._model, self._factor, self._rate)
+        n = block_length(self.model, self._factor, self._rate)
         if self._pending:
-            p = self._model.parameters
+            p = self.model.parameters
             n = min(n, (p.steps - self._state.index) // (p.steps // p.samples_per_cycle))
         return min(n, self._step.left) if self._step else n
 
@@ -441,7 +437,7 @@ class Loop:
         if block.diverged:
             self._paused = True
             self._end_step("the motion diverged on the way")
-            p = self._model.parameters
+            p = self.model.parameters
             live = ", ".join(f"{name}={getattr(p, name)!r}" for name in live_names())
             self._fail(
                 f"the motion diverged at t = {block.rows[-1, 0]:.9g} s: paused; reset after "

@@ -9,6 +9,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from herringbone_sim.sweeps.array_cache import ArrayCache, Arrays
 
@@ -35,17 +36,20 @@ class ChunkRunner:
     Attributes:
         cache: where arrays are stored.
         workers: number of threads.
-        done: called with the number of runs of each finished chunk.
+        bar: counts the runs, or None; its total grows by those that are asked for.
     """
 
     cache: ArrayCache
     workers: int
-    done: Callable[[int], object]
+    bar: tqdm | None
 
     def arrays(self, jobs: Sequence[Sequence[Chunk]]) -> list[Arrays]:
         """Arrays of each job by name, the rows of its chunks joined; jobs run side by side."""
+        every = list(chain.from_iterable(jobs))
+        if self.bar is not None:
+            self.bar.total += sum(chunk.runs for chunk in every)
+            self.bar.refresh()
         with ThreadPoolExecutor(self.workers) as pool:
-            every = chain.from_iterable(jobs)
             results = pool.map(lambda chunk: self.cache.get(chunk.key, chunk.compute), every)
             parts = [[self._counted(next(results), chunk) for chunk in job] for job in jobs]
         return [
@@ -54,5 +58,6 @@ class ChunkRunner:
         ]
 
     def _counted(self, arrays: Arrays, chunk: Chunk) -> Arrays:
-        self.done(chunk.runs)
+        if self.bar is not None:
+            self.bar.update(chunk.runs)
         return arrays

@@ -13,6 +13,7 @@ from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.store import Result
 
 SAME = 0.01  # b_c: largest distance of section points of the same orbit
+LEAST_SHARE = 5e-4  # of the values: periods with less are not listed
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,23 @@ def diagram_of(results: Sequence[Result]) -> Diagram:
         )
     (axis,) = sweeps[0].axes
     return Diagram(axis, sweeps[0].observation.mesh, tuple(map(_branch, results)))
+
+
+def period_shares(period: Array) -> str:
+    """Fraction of the values by period, as text ``P1 60.0%, aperiodic 38.5%``, largest first.
+
+    Failed values count in the total, but are not listed; nor are periods below ``LEAST_SHARE``.
+
+    Args:
+        period: of any number of values, in any shape: mesh cycles; 0 aperiodic; NaN failed.
+    """
+    values, counts = np.unique(period[np.isfinite(period)], return_counts=True)
+    pairs = sorted(zip(counts / period.size, values, strict=True), reverse=True)
+    return ", ".join(
+        f"{'aperiodic' if value == 0 else f'P{value:.0f}'} {share:.1%}"
+        for share, value in pairs
+        if share >= LEAST_SHARE
+    )
 
 
 def differ(a: Branch, b: Branch) -> Flags:

@@ -23,6 +23,7 @@ from herringbone_sim.recording.safe_json import parse_json
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK, SMALL_CHUNK = 256, 16  # values in a part, see ``default_chunk``
+LONGEST = 1_000_000  # values of an axis
 UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
 _Made = TypeVar("_Made", "Observation", "Sweep")
 
@@ -257,12 +258,17 @@ def axis_from_text(text: str) -> Axis:
     """Read an axis from ``NAME=LOW:HIGH:COUNT`` (both ends included) or ``NAME=VALUE,VALUE,...``.
 
     Raises:
-        ParameterError: a text of another form.
+        ParameterError: a text of another form, or more than 1000000 values.
     """
     name, _, values = (part.strip() for part in text.partition("="))
     try:
         if ":" in values:
             low, high, count = values.split(":")
+            if int(count) > LONGEST:
+                raise ParameterError(
+                    f"an axis of {name} takes up to {LONGEST} values, got {shown(int(count))}: "
+                    "ask for fewer"
+                )
             spaced = np.linspace(float(low), float(high), int(count))
             return Axis(name, tuple(float(value) for value in spaced))
         return Axis(name, tuple(float(value) for value in values.split(",")))
@@ -270,7 +276,7 @@ def axis_from_text(text: str) -> Axis:
         raise
     except ValueError:
         raise ParameterError(
-            f"an axis is NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE,..., got {text!r}: "
+            f"an axis is NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE,..., got {shown(text)}: "
             "write it like K=0:0.6:400"
         ) from None
 

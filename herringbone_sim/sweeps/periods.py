@@ -23,29 +23,27 @@ LEAST_RETURN = 1e-9
 compiled: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
-def find_periods(
-    sections: Array, max_period: int = MAX_PERIOD, tolerance: float = TOLERANCE
-) -> Array:
+def find_periods(sections: Array, max_period: int = MAX_PERIOD) -> Array:
     """Period (n,) in mesh cycles of each motion; 0 = aperiodic; NaN = too few points to decide.
 
     The smallest p for which the points m, m + p, m + 2 p, ... scatter around their centre by no
-    more than ``tolerance`` (RMS), without drifting apart: slow chaos can pass close to a period,
+    more than ``TOLERANCE`` (RMS), without drifting apart: slow chaos can pass close to a period,
     but not over the whole window.
 
     Args:
         sections: (n, m, k) section points in units of order one, as the states of the model are;
             NaN gives a NaN.
         max_period: largest period tried; each needs 5 repeats within the window.
-        tolerance: largest RMS distance from the centres.
     """
     periods: Array = np.full(len(sections), np.nan)
     largest = min(max_period, sections.shape[1] // MIN_REPEATS)
     if largest >= 1:
         aperiodic = 0.0 if largest >= LEAST_LARGEST else np.nan
-        _find(np.ascontiguousarray(sections), largest, tolerance, aperiodic, periods)
+        _find(np.ascontiguousarray(sections), largest, aperiodic, periods)
     return periods
 
 
+@compiled
 def _spread(points: Any, period: int) -> Any:
     """RMS distance per coordinate of points (m, k) from the centres of every p-th point."""
     m, k = points.shape
@@ -62,9 +60,7 @@ def _spread(points: Any, period: int) -> Any:
     return np.sqrt(squares / ((m - period) * k))
 
 
-_compiled_spread = compiled(_spread)
-
-
+@compiled
 def _grows(points: Any, period: int) -> Any:
     """Whether the distance of repeats grows more than ``GROWTH`` times, first to last third."""
     n = points.shape[0] - period
@@ -79,21 +75,14 @@ def _grows(points: Any, period: int) -> Any:
     return late > GROWTH * max(early, LEAST_RETURN)
 
 
-_compiled_grows = compiled(_grows)
-
-
-def _find_all(
-    sections: Any, largest: int, tolerance: float, aperiodic: float, periods: Any
-) -> None:
+@compiled
+def _find(sections: Any, largest: int, aperiodic: float, periods: Any) -> None:
     """Write the period of each section (n, m, k) into ``periods`` (n,), or ``aperiodic``."""
     for i in range(sections.shape[0]):
         if np.isnan(sections[i, 0, 0]):
             continue
         periods[i] = aperiodic
         for period in range(1, largest + 1):
-            if _compiled_spread(sections[i], period) <= tolerance:
-                periods[i] = 0.0 if _compiled_grows(sections[i], period) else period
+            if _spread(sections[i], period) <= TOLERANCE:
+                periods[i] = 0.0 if _grows(sections[i], period) else period
                 break
-
-
-_find = compiled(_find_all)

@@ -130,6 +130,16 @@ def test_runs_that_differ_in_nothing_are_told_why_there_is_no_diagram(
     assert "no parameter that differs" in capsys.readouterr().out
 
 
+def test_a_run_named_like_a_repeated_one_keeps_its_folder(tmp_path: Path) -> None:
+    series = harmonic_series(60, {1.0: 1e-5})
+    runs = [_record(tmp_path, name, series) for name in ("same~2", "same")]
+    again = _record(tmp_path / "again", "same", series)
+    out = tmp_path / "out"
+    assert main(["analyze", *map(str, [*runs, again]), "--out", str(out), "--no-model"]) == 0
+    reports = {report.parent.name for report in out.glob("*/report.html")}
+    assert reports == {"same~2", "same", "same~3"}
+
+
 def test_a_chaotic_run_is_called_chaotic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -31,11 +31,10 @@ def test_hits_within_rounding_count_once() -> None:
 
 
 @pytest.mark.parametrize("first_phase", [0.2, 3.0, -40.0, 1e4 + 0.1])
-@pytest.mark.parametrize("phase", [0.0, 1.3])
-def test_points_between_samples_are_interpolated(first_phase: float, phase: float) -> None:
+def test_points_between_samples_are_interpolated(first_phase: float) -> None:
     motion = motion_of(harmonic_series(30, {0.5: 1e-5, 2.0: 2e-6}, first_phase=first_phase))
-    section = stroboscopic_section(motion, phase)
-    angle = phase + 2 * np.pi * section.cycles
+    section = stroboscopic_section(motion)
+    angle = 2 * np.pi * section.cycles
     exact = 1e-5 * np.sin(0.5 * angle) + 2e-6 * np.sin(2 * angle)
     rate = 2 * np.pi * MESH_HZ * (0.5e-5 * np.cos(0.5 * angle) + 4e-6 * np.cos(2 * angle))
     assert len(section) in (30, 31)

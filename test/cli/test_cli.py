@@ -102,14 +102,28 @@ def test_run_without_ros_says_how_to_get_it() -> None:
     assert "pip install" in done.stdout
 
 
+def test_publishing_without_ros_says_how_to_get_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = _short_run(tmp_path)
+    monkeypatch.setitem(sys.modules, "herringbone_sim.ros.replay", None)
+    assert main(["replay", str(run), "--publish"]) == 2
+    assert "no ROS 2 here" in capsys.readouterr().out
+
+
+def _short_run(folder: Path) -> Path:
+    writer = RunWriter.create(folder, "run", "/sim", {}, ("t", "x_sp_L"), 0)
+    writer.write_samples(np.array([[0.0, 1.0], [1.0, 2.0]]))
+    writer.close()
+    return writer.path
+
+
 @pytest.mark.parametrize("speed", ["0", "-1", "nan", "inf"])
 def test_a_speed_that_plays_nothing_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], speed: str
 ) -> None:
-    writer = RunWriter.create(tmp_path, "run", "/sim", {}, ("t", "x_sp_L"), 0)
-    writer.write_samples(np.array([[0.0, 1.0], [1.0, 2.0]]))
-    writer.close()
-    assert main(["replay", str(writer.path), "--publish", f"--speed={speed}"]) == 2
+    run = _short_run(tmp_path)
+    assert main(["replay", str(run), "--publish", f"--speed={speed}"]) == 2
     assert "speed must be finite and positive" in capsys.readouterr().err
 
 
@@ -163,6 +177,26 @@ def test_a_file_that_is_checked_is_told_what_the_node_tells(
     file.write_text("/**:\n  ros__parameters:\n    record_name: 7\n")
     assert main(["parameters", "--check", str(file)]) == 2
     assert f"{file}: record_name must be a text, got 7: put it in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("real_time_factor: [1.0, 2.0]", "must be float, got [1.0, 2.0]: give one number"),
+        ("real_time_factor: fast", "must be float, got 'fast': give one number"),
+        ("step_cycles: [1]", "must be int, got [1]: give a whole number"),
+        ("step_cycles: 1.5", "must be int, got 1.5: give a whole number"),
+        ("record: 1", "must be bool, got 1: give true or false"),
+    ],
+)
+def test_a_value_of_another_type_is_refused_as_by_the_node(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, rule: str
+) -> None:
+    file = tmp_path / "node.yaml"
+    file.write_text(f"/**:\n  ros__parameters:\n    {text}\n")
+    assert main(["parameters", "--check", str(file)]) == 2
+    name = text.split(":")[0]
+    assert f"error: {file}: {name} {rule}" in capsys.readouterr().err
 
 
 def test_a_rig_that_is_made_tells_it_once(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli import control_parts, control_text
@@ -18,8 +18,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.views.figures.control import amplitude_figure
 
-PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
-COMMAND = ["control", "--parameters", PAPER, "--set", "xi=0.085", "--quick"]
+COMMAND = ["control", "--parameters", str(PAPER), "--set", "xi=0.085", "--quick"]
 SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, RunSettings(transient=60, cycles=60))
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")

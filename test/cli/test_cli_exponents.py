@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli.arguments import parse
@@ -20,7 +20,6 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 
-PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
 
@@ -32,7 +31,7 @@ def rows(path):
 @pytest.fixture(scope="module")
 def chaos(tmp_path_factory):
     out = tmp_path_factory.mktemp("chaos")
-    argv = ["exponents", "--parameters", PAPER, "--set", "delta_T=20", "--cycles", "500"]
+    argv = ["exponents", "--parameters", str(PAPER), "--set", "delta_T=20", "--cycles", "500"]
     assert main([*argv, "--transient", "300", "--out", str(out)]) == 0
     return out
 
@@ -67,7 +66,7 @@ def test_convergence_ends_at_the_exponents(chaos):
 
 def test_motions_are_named(tmp_path, capsys):
     """P1 from rest at 85; chaos from an uneven start at 20, in which left and right differ."""
-    argv = ["exponents", "--parameters", PAPER, "--cycles", "300", "--out", str(tmp_path)]
+    argv = ["exponents", "--parameters", str(PAPER), "--cycles", "300", "--out", str(tmp_path)]
     assert main([*argv, "--set", "delta_T=85"]) == 0
     shown = capsys.readouterr().out
     assert "\nP1, left = right\n" in shown
@@ -80,7 +79,7 @@ def test_motions_are_named(tmp_path, capsys):
 
 def test_basins_of_a_gear_with_one_motion(tmp_path, capsys):
     """delta_T = 85: the shares and the slice are P1 throughout; nothing unfinished is left."""
-    argv = ["basins", "--parameters", PAPER, "--set", "delta_T=85", "--transient", "1000"]
+    argv = ["basins", "--parameters", str(PAPER), "--set", "delta_T=85", "--transient", "1000"]
     assert main([*argv, "--starts", "10", "--slice", "4", "--out", str(tmp_path)]) == 0
     (row,) = rows(tmp_path / "basins.csv")
     assert row["motion"] == "P1, left = right"
@@ -129,7 +128,7 @@ def parsed(*argv):
 
 def test_parameters_of_the_command_line():
     assert parsed() == Parameters()
-    p = parsed("--parameters", PAPER, "--set", "delta_T=20", "--set", "K = 1e-1")
+    p = parsed("--parameters", str(PAPER), "--set", "delta_T=20", "--set", "K = 1e-1")
     assert (p.delta_T, p.K, p.thermal_rp) == (20.0, 0.1, "sun")
     p = parsed("--set", "k_amp=0.2,0.1", "--set", "model=full", "--set", "seed=3")
     assert (p.k_amp, p.model, p.seed) == ((0.2, 0.1), "full", 3)

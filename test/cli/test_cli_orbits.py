@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 
 import pytest
+from gears import PAPER
 
 from herringbone_sim.__main__ import main
 
-PAPER = str(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
-XI = ["orbits", "--parameters", PAPER, "--over", "xi", "--from", "0.155", "--to", "0.17"]
+XI = ["orbits", "--parameters", str(PAPER), "--over", "xi", "--from", "0.155", "--to", "0.17"]
 
 pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 
@@ -62,7 +61,7 @@ def test_a_figure_is_drawn(written):
 def test_an_unstable_orbit_is_found_on_request(tmp_path, capsys):
     """P1 below its flip, from the motion of P2."""
     range_ = ["--from", "0.15", "--to", "0.158", "--max-period", "1"]
-    command = ["orbits", "--parameters", PAPER, "--over", "xi", *range_]
+    command = ["orbits", "--parameters", str(PAPER), "--over", "xi", *range_]
     assert main([*command, "--start", "0.155:1", "--out", str(tmp_path)]) == 0
     orbits = rows(tmp_path / "branches.csv")
     assert {(one["period"], one["stability"]) for one in orbits} == {("1", "unstable both ways")}

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
+import gears
 import numpy as np
 import pytest
-from gears import UNEVEN
 
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper, largest_exponent
@@ -18,11 +17,9 @@ from herringbone_sim.core.packed import LIMIT
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.sensitivity import Directions
 from herringbone_sim.effects.sensitivity import directions
-from herringbone_sim.recording.parameter_file import load_parameters
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
-PAPER = load_parameters(Path(__file__).resolve().parents[2] / "config" / "paper.yaml")
 FAST = {"samples_per_cycle": 1, "order": 14, "steps_per_cycle": 8}
 
 PERIODIC = [
@@ -38,7 +35,7 @@ PERIODIC = [
 
 
 def paper(**values):
-    return build(PAPER.changed(FAST | values))
+    return gears.paper(**FAST | values)
 
 
 def one_by_one(model, cycles, y=None):
@@ -60,7 +57,7 @@ def test_motion_is_that_of_the_stepper(values):
 
 
 def test_planets_and_halves_that_all_differ():
-    model = build(Parameters(**UNEVEN | FAST | {"xi": 0.2}))
+    model = build(Parameters(**gears.UNEVEN | FAST | {"xi": 0.2}))
     start = Stepper(model).start().y
     found = run_batch([model], start[None], transient=0, cycles=12, points=12).sections[0]
     assert np.abs(found - one_by_one(model, 12)).max() < 1e-9

@@ -89,6 +89,8 @@ def test_unknown_names_are_refused_with_those_there_are():
         ("delta_T", np.float64(3.5), 3.5),
         ("order", 14.0, 14),
         ("k_amp", 0.2, (0.2,)),
+        ("k_amp", np.float32(0.25), (0.25,)),
+        ("k_amp", np.int64(0), (0.0,)),
         ("k_amp", [0, 0.1], (0.0, 0.1)),
         ("k_factor", np.array([2.0]), (2.0,)),
         ("model", "full", "full"),

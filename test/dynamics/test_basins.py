@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from flows import Cubics, Henon
+from gears import paper
 from scipy.stats import binom
 
-from herringbone_sim.core.model import build, initial_state, relative
+from herringbone_sim.core.model import initial_state, relative
 from herringbone_sim.dynamics.attractors import (
     ALIKE,
     AS_A_SET,
@@ -30,9 +29,7 @@ from herringbone_sim.dynamics.basins import (
 from herringbone_sim.dynamics.exponent_methods import motion_kind
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
-from herringbone_sim.recording.parameter_file import load_parameters
 
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
 
@@ -162,25 +159,20 @@ def test_starts_of_a_gear(gear):
     assert plane[0][exchange] == pytest.approx(plane[12])
 
 
-def paper(delta_T):
-    model = build(load_parameters(PAPER).changed({"delta_T": delta_T}))
-    return model, symmetry(model)
-
-
 def test_hot_gear_has_one_motion():
     """delta_T = 85: P1 with left and right alike, from every start."""
-    model, exchange = paper(85.0)
+    model = paper(delta_T=85.0)
     drawn = random_starts(model, 12, np.random.default_rng(1))
-    found = explore(gear_sections(model, 1000), drawn, exchange)
+    found = explore(gear_sections(model, 1000), drawn, symmetry(model))
     assert [(one.period, one.symmetry) for one in found.attractors] == [(1, "left = right")]
 
 
 def test_gear_with_many_motions():
     """delta_T = 70: P2 from rest, as published, and seldom from elsewhere."""
-    model, exchange = paper(70.0)
+    model = paper(delta_T=70.0)
     rest = initial_state(model)[None]
     drawn = random_starts(model, 20, np.random.default_rng(1))
-    found = explore(gear_sections(model, 3000), np.vstack([rest, drawn]), exchange)
+    found = explore(gear_sections(model, 3000), np.vstack([rest, drawn]), symmetry(model))
     assert found.attractors[found.labels[0]].named("P2") == "P2, left = right"
     assert found.attractors[0].symmetry != ALIKE
     assert found.shares()[0, 0] > 0.5

@@ -23,9 +23,9 @@ from herringbone_sim.dynamics.boundaries import find_boundaries
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.continuation import StepControl
 from herringbone_sim.dynamics.curve import Family
-from herringbone_sim.dynamics.flow import GearFlow, settle
+from herringbone_sim.dynamics.flow import GearFlow, iterate, settle
 from herringbone_sim.dynamics.gear_family import gear_family
-from herringbone_sim.dynamics.orbits import closest_return, find_orbit, iterate
+from herringbone_sim.dynamics.orbits import closest_return, find_orbit
 from herringbone_sim.dynamics.turning import border_passes, turning_points
 
 # Three equally spaced planets can't be assembled with the paper's teeth.

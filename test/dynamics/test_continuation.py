@@ -22,9 +22,9 @@ def test_a_branch_goes_round_its_fold():
     assert values * x * x + 0.7 * x == pytest.approx(np.ones(len(x)), abs=1e-9)
     roots = np.sort(np.roots([-0.05, 0.7, -1.0]))
     assert sorted((x[0], x[-1])) == pytest.approx(roots, abs=1e-8)
-    by_x = [point.stable for point in sorted(branch.points, key=lambda p: p.orbit.points[0, 0])]
-    assert by_x[0]
-    assert not by_x[-1]
+    by_x = sorted(branch.points, key=lambda p: p.orbit.points[0, 0])
+    assert by_x[0].multipliers.unstable == (0, 0)
+    assert by_x[-1].multipliers.unstable != (0, 0)
 
 
 def test_a_branch_of_the_linear_oscillator_follows_its_resonance():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gears import dimensionless, samples, state_at
+from gears import PAPER, dimensionless, samples, state_at
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli.control_parts import Size
@@ -29,7 +29,6 @@ from herringbone_sim.effects.written import read_effects
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 RING, PIN = "ring_flexibility@rp:stiffness=3e9", "bearing_clearance:clearance=5e-6"
 CRACK = "tooth_crack@sp/all/L:depth=0.3"
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 TINY = Size(2, 3, 4, (0.5, 1.0), 2, RunSettings(transient=40, cycles=40))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli.control_parts import Size
@@ -26,7 +27,6 @@ from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.sweeps.grid import Axis
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 SOFT, SAME = "mean_stiffness:factor=0.95", "k_factor=0.95"
 CRACK = "tooth_crack@sp/all/L:depth=0.3"
 TINY = Size(2, 3, 4, (0.5, 1.0), 2, RunSettings(transient=40, cycles=40))

@@ -10,11 +10,10 @@ from scipy.linalg import expm
 
 from herringbone_sim.core.integrate import largest_exponent
 from herringbone_sim.core.mirror import layout_mirror
-from herringbone_sim.dynamics.flow import GearFlow, settle
+from herringbone_sim.dynamics.flow import GearFlow, iterate, settle
 from herringbone_sim.dynamics.orbits import (
     closest_return,
     find_orbit,
-    iterate,
     least_period,
     multipliers,
     symmetry_bases,

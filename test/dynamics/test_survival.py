@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import PAPER, paper
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.core.model import build, initial_state
+from herringbone_sim.core.model import initial_state
 from herringbone_sim.dynamics.basins import gear_sections, random_starts
 from herringbone_sim.dynamics.survival import FATES, survival
-from herringbone_sim.recording.parameter_file import load_parameters
 
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
-
-def paper(**values):
-    return build(load_parameters(PAPER).changed(values))
 
 
 def fate(model, n=12, transient=1500):

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from flows import CoupledLogistic
+from gears import paper
 
-from herringbone_sim.core.model import build
 from herringbone_sim.dynamics.flow import GearFlow, settle, symmetry
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import symmetric_exponents
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.recording.parameter_file import load_parameters
 
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
 
-def paper(**values):
-    model = build(load_parameters(PAPER).changed(values))
+def settled(**values):
+    model = paper(**values)
     flow = GearFlow(model)
     return flow, settle(flow, flow.start(), 1000), symmetry(model)
 
@@ -37,7 +33,7 @@ def test_coupled_logistic_maps(eps):
 
 @pytest.mark.parametrize("delta_T", [20.0, 70.0])
 def test_within_and_across_make_up_the_spectrum(delta_T):
-    flow, y, exchange = paper(delta_T=delta_T)
+    flow, y, exchange = settled(delta_T=delta_T)
     whole = lyapunov_spectrum(flow, y, periods=500)
     parts = symmetric_exponents(flow, y, exchange, periods=500, k=4)
     both = np.concatenate([parts.within.exponents, parts.transverse.exponents])
@@ -47,7 +43,7 @@ def test_within_and_across_make_up_the_spectrum(delta_T):
 
 def test_symmetric_chaos_of_the_gear_can_t_last():
     """delta_T = 20: the transverse exponent is positive, by many times its error."""
-    flow, y, exchange = paper(delta_T=20.0)
+    flow, y, exchange = settled(delta_T=20.0)
     found = symmetric_exponents(flow, y, exchange, periods=800)
     assert found.within.exponents[0] > 0.06
     assert 0.03 < found.transverse.exponents[0] < 0.1
@@ -58,7 +54,7 @@ def test_symmetric_chaos_of_the_gear_can_t_last():
     ("delta_T", "low", "high"), [(70.0, -0.012, -0.003), (85.0, -0.035, -0.015)]
 )
 def test_periodic_windows_are_stable_but_weakly(delta_T, low, high):
-    flow, y, exchange = paper(delta_T=delta_T)
+    flow, y, exchange = settled(delta_T=delta_T)
     found = symmetric_exponents(flow, y, exchange, periods=500)
     assert low < found.transverse.exponents[0] < high
     assert found.within.exponents[0] < found.transverse.exponents[0]
@@ -66,7 +62,7 @@ def test_periodic_windows_are_stable_but_weakly(delta_T, low, high):
 
 def test_a_small_asymmetry_grows_at_the_transverse_rate():
     """Not by tangents: the distance of left from right itself, from 1e-12 on, out of chaos."""
-    flow, y, exchange = paper(delta_T=20.0)
+    flow, y, exchange = settled(delta_T=20.0)
     none = np.zeros((0, flow.n))
     rates = []
     for _ in range(30):
@@ -84,6 +80,6 @@ def test_a_small_asymmetry_grows_at_the_transverse_rate():
 
 
 def test_a_motion_without_the_symmetry_is_refused():
-    flow, y, exchange = paper(delta_T=20.0, initial_noise=0.1)
+    flow, y, exchange = settled(delta_T=20.0, initial_noise=0.1)
     with pytest.raises(AnalysisError, match="symmetric motion"):
         symmetric_exponents(flow, y, exchange)

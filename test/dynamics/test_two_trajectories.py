@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from flows import Henon, Lorenz
-from gears import LINEAR
+from gears import LINEAR, paper
 
 from herringbone_sim.analysis.lyapunov import largest_exponent as from_series
-from herringbone_sim.core.model import build
-from herringbone_sim.dynamics.flow import GearFlow, settle
+from herringbone_sim.dynamics.flow import GearFlow, iterate, settle
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.two_trajectories import DISTANCE, over_distances
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.recording.parameter_file import load_parameters
 
 NEAR = (DISTANCE,)
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 
 
 def test_henon_map():
@@ -40,17 +35,13 @@ def test_gear_that_keeps_contact(gear):
     assert value == pytest.approx(exact, abs=1e-3)
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 def test_three_methods_agree_on_the_chaos_of_the_gear():
     """delta_T = 20 of the paper's set: tangent flow, two trajectories, the recorded section."""
-    flow = GearFlow(build(load_parameters(PAPER).changed({"delta_T": 20.0})))
+    flow = GearFlow(paper(delta_T=20.0))
     y = settle(flow, flow.start(), 500)
     tangent = lyapunov_spectrum(flow, y, periods=1500, k=1)
     [[pair, error]] = over_distances(flow, y, NEAR, periods=1500, transient=200)
-    section = [y]
-    for _ in range(1500):
-        section.append(settle(flow, section[-1], 1))
-    series = from_series(np.array(section), np.random.default_rng(0))
+    series = from_series(iterate(flow, y, 1501), np.random.default_rng(0))
     value = tangent.exponents[0]
     assert value > 0.06
     both = np.hypot(tangent.errors[0], error)

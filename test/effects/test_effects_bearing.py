@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
@@ -19,7 +19,6 @@ from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-Array = NDArray[np.float64]
 SEAT = {"clearance": 1e-5, "stiffness": 1e10, "damping": 0.1, "softness": 0.12}
 PINS = {"all": [1, 4], "L": [1], "R": [4]}  # halves p1_L, p2_L, .., p3_R that are free
 

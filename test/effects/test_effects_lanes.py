@@ -10,11 +10,15 @@ import pytest
 
 from benchmarks.effects import load_examples
 from herringbone_sim.core.batch import Batch, run_batch
+from herringbone_sim.core.lanes.vector import fma, give, load, take
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.lanes.batch import LaneStepper
+from herringbone_sim.effects.law import law
 from herringbone_sim.effects.law_stepper import LawStepper
+from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.written import read_effects
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -82,6 +86,48 @@ def test_a_value_is_the_same_to_the_bit_among_others_and_alone() -> None:
     alone = observed([models[17]], starts=starts[17:18], before=before[17:18])
     for one in ARRAYS:
         assert np.array_equal(getattr(whole, one)[17:18], getattr(alone, one))
+
+
+@law
+def react(theta, site, gear, now, added_states, x, v, law, force, torque):
+    """Drag by the rate itself."""
+    for m in range(force.shape[0]):
+        drag = take(theta, 0) * load(site, 0, m)
+        give(force, m, fma(drag, take(v, m), take(force, m)))
+
+
+def check_that_each_is_as_alone(models: list[Model]) -> None:
+    together = observed(models)
+    for i, model in enumerate(models):
+        alone = observed([model])
+        for one in ARRAYS:
+            assert np.array_equal(getattr(together, one)[i], getattr(alone, one)[0])
+
+
+def test_gears_with_laws_that_differ_have_their_own_beside_each_other() -> None:
+    squared = effect("squeezed_oil")
+    models = [
+        build_with(Parameters(**LOSES_CONTACT), [active(one, values={"drag": 2e3})])
+        for one in (squared, replace(squared, react=react), squared)
+    ]
+    check_that_each_is_as_alone(models)
+    ends = observed(models).end
+    assert np.array_equal(ends[0], ends[2])
+    assert not np.allclose(ends[0], ends[1], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        pytest.param(f"{DRAG}; tooth_friction:mu=0.08", {}, id="laws"),
+        pytest.param(f"{DRAG}; tooth_crack@sp:depth=0.3", {}, id="events"),
+        pytest.param(DRAG, {"k_amp": (0.2, 0.1)}, id="harmonics"),
+    ],
+)
+def test_gears_with_more_laws_or_constants_run_beside_others(
+    text: str, values: dict[str, Any]
+) -> None:
+    check_that_each_is_as_alone([*gears(DRAG, 2), *gears(text, 2, **values), *gears(DRAG, 1)])
 
 
 def test_a_motion_that_diverges_leaves_its_neighbours_alone() -> None:

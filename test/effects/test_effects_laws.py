@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Locus, active
@@ -16,7 +16,6 @@ from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.registry import effect
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-Array = NDArray[np.float64]
 OMEGA, HOT, T_1 = 3.1e4, 35.0, 400.0
 N = 40
 

@@ -16,16 +16,16 @@ import pytest
 from equations import body_accelerations
 from interpreted_effects import run_by_laws
 from numba import typeof
-from numpy.typing import NDArray
 
 from benchmarks.reference import integrate
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import Block, Stepper
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.numba_private import NumbaExperimentalFeatureWarning
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import assemble, by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
-from herringbone_sim.effects.evaluate import motion, torques
+from herringbone_sim.effects.evaluate import evaluate, motion
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
@@ -34,7 +34,6 @@ from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import DivergenceError
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-Array = NDArray[np.float64]
 START = {"initial_x": (0.3, -0.2, 0.1, 0.4), "samples_per_cycle": 24}
 HOT = 40.0
 
@@ -216,7 +215,7 @@ def test_the_bodies_obey_forces_and_torques(name: str) -> None:
     one = active(effect(name), values=values)
     series, _ = simulate(model, [one], 1)
     forces = series.columns(tuple(f"F_{m}" for m in model.layout.meshes))
-    push = torques(model, [one], motion(model, series))
+    push = evaluate(model, [one], motion(model, series)).torque
     s = model.scales
     mass = np.array([s.M_s, s.M_s, s.M_c, *[s.M_p] * 6])
     of_mesh = np.stack([body_accelerations(model, row) for row in forces])

@@ -6,10 +6,9 @@ thresholds between them are not tested: they hang on what the paper leaves open.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.core.integrate import Stepper, largest_exponent, simulate
 from herringbone_sim.core.model import build
@@ -17,7 +16,6 @@ from herringbone_sim.recording.parameter_file import load_parameters
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 
-PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 ROBUST = [
     pytest.param({"delta_T": 20.0}, 0, id="Fig. 6: delta_T 20, chaos"),
     pytest.param({"delta_T": 85.0}, 1, id="Fig. 9: delta_T 85, period 1"),

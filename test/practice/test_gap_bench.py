@@ -49,6 +49,9 @@ def test_seeds_as_lists_and_ranges():
     for wrong in ("", "3:3", "a:b", "-1", "1.5"):
         with pytest.raises(ParameterError, match="seeds"):
             parse_seeds(wrong)
+    for many in ("0:10000000000", "5,0:1000000", f"0:{'9' * 400}"):
+        with pytest.raises(ParameterError, match="up to 1000000 seeds"):
+            parse_seeds(many)
 
 
 def test_each_seed_draws_from_the_lists():

@@ -69,6 +69,11 @@ def test_a_recorded_run_is_read_as_it_was_simulated(tmp_path):
         hb.read_run(tmp_path / "nothing")
 
 
+def test_a_recorded_run_holds_no_state_to_go_on_from(tmp_path):
+    with pytest.raises(hb.HerringboneError, match="start must be a run of simulate"):
+        hb.simulate(cycles=2, start=hb.read_run(write_run(tmp_path, n=500)))
+
+
 def test_effects_and_changes_make_the_gear_that_they_say():
     plain = hb.simulate(PAPER, cycles=30, delta_T=20.0)
     cracked = hb.simulate(

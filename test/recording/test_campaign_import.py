@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from scipy.io import savemat
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
@@ -26,7 +26,6 @@ from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording
 
-Array = NDArray[np.float64]
 POINT = {"role": "fit", "delta_T": 20.0, "K": 0.0, "T_1": 220.0, "Omega": 1.0}
 MODEL = build(Parameters(model="full", **{k: v for k, v in POINT.items() if k != "role"}))
 OMEGA = MODEL.scales.omega_n

@@ -14,13 +14,14 @@ from herringbone_sim.__main__ import main
 from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
+from herringbone_sim.api.run import read_run
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.sensors import Sensors
 from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.effects.written import effects_text, read_effects
-from herringbone_sim.recording.parameter_file import load_gear, ros_text, values_of_gear
+from herringbone_sim.recording.parameter_file import EFFECTS, load_gear, ros_text, values_of_gear
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.replay import verify
@@ -115,6 +116,12 @@ def test_info_and_analyze_tell_the_effects(
     with_effect, without = (float(row[-1]) for row in rows)
     assert max(with_effect, without) < -0.1
     assert abs(with_effect - without) > 0.05
+
+
+def test_the_segments_of_a_run_end_where_its_effects_change(tmp_path: Path) -> None:
+    soft, plain = read_run(write(tmp_path, SOFT, "", 40)).segments
+    assert (soft.segment.point[EFFECTS], plain.segment.point[EFFECTS]) == (0.0, 1.0)
+    assert soft.segment.stop == plain.segment.start == pytest.approx(40 * 16, abs=1)
 
 
 def test_the_exponent_of_the_model_is_that_of_the_gear_with_its_effects() -> None:

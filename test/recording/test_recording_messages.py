@@ -11,7 +11,6 @@ from rosbags.typesys import Stores, get_typestore
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.cdr import CdrReader
 from herringbone_sim.recording.messages import (
-    JointState,
     ParameterEvent,
     decode_parameter_event,
     decode_samples,
@@ -49,9 +48,13 @@ def foreign(message: object, kind: MessageType, little: bool = True) -> bytes:
     return bytes(STORE.serialize_cdr(message, kind.name, little_endian=little))
 
 
-def joint_state(m: int = 3) -> JointState:
+def joint_state(m: int = 3) -> bytes:
     values = np.arange(float(m))
-    return JointState(1_500_000_001, tuple(f"sp{i}_L" for i in range(m)), values, -values, values)
+    return encode_joint_state(1_500_000_001, meshes(m), values, -values, values)
+
+
+def meshes(m: int) -> tuple[str, ...]:
+    return tuple(f"sp{i}_L" for i in range(m))
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.name)
@@ -129,18 +132,17 @@ def test_another_layout_is_refused(size, count, dims, said):
 
 @pytest.mark.parametrize("m", [0, 1, 3])
 def test_rosbags_reads_a_joint_state(m):
-    state = joint_state(m)
-    message = STORE.deserialize_cdr(encode_joint_state(state), JOINT_STATE.name)
+    message = STORE.deserialize_cdr(joint_state(m), JOINT_STATE.name)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_001)
-    assert tuple(message.name) == state.names
-    np.testing.assert_array_equal(message.velocity, state.velocity)
-    np.testing.assert_array_equal(message.effort, state.effort)
+    assert tuple(message.name) == meshes(m)
+    np.testing.assert_array_equal(message.velocity, -np.arange(float(m)))
+    np.testing.assert_array_equal(message.effort, np.arange(float(m)))
 
 
 def test_joint_state_of_unequal_lengths_is_refused():
     values = np.zeros(2)
     with pytest.raises(RecordingError, match="as long as the 2 names, got 2, 1, 2"):
-        encode_joint_state(JointState(0, ("a", "b"), values, values[:1], values))
+        encode_joint_state(0, ("a", "b"), values, values[:1], values)
 
 
 @pytest.mark.parametrize("little", [True, False])
@@ -218,7 +220,7 @@ def test_rclpy_reads_all_types():
     assert samples.layout.dim[1].label == "t,K"
     assert list(samples.data) == rows.ravel().tolist()
     assert serialization.deserialize_message(encode_string("Ω"), String).data == "Ω"
-    state = serialization.deserialize_message(encode_joint_state(joint_state()), RosState)
+    state = serialization.deserialize_message(joint_state(), RosState)
     assert list(state.name) == ["sp0_L", "sp1_L", "sp2_L"]
     assert list(state.velocity) == [-0.0, -1.0, -2.0]
     raw = encode_parameter_event(ParameterEvent(5, "/n", VALUES))

@@ -137,8 +137,8 @@ def test_a_next_file_that_is_taken_away_at_its_beginning_leaves_the_one_before(
     writer, flush = flushed_run(tmp_path), Bag.flush
 
     def take_away(bag: Bag) -> None:
-        if bag.path.suffix == ".part":
-            bag.path.unlink()
+        if bag.stream.path.suffix == ".part":
+            bag.stream.path.unlink()
         flush(bag)
 
     monkeypatch.setattr(Bag, "flush", take_away)

@@ -106,7 +106,7 @@ def test_hidden_effects_are_of_all_kinds_and_can_be_laid_out() -> None:
     names = {one.effect.id for several in drawn for one in several}
     assert len(names) == 23
     for several in drawn:
-        assert laws(model, several).n_active <= 2
+        assert laws(model, several).kernel.n_active <= 2
         assert all(differs(one) for one in several)
 
 
@@ -135,6 +135,17 @@ def test_the_command_writes_a_campaign_and_its_label_apart(
     assert label["truth"] == ["mean_stiffness"]
     assert label["effects"][0]["locus"] == {"mesh": "sp", "planet": "2", "side": "L"}
     assert label["effects"][0]["parameters"]["factor"]["value"] == 1.3
+
+
+def test_the_present_folder_gives_its_name_to_rig_and_label(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+    size = ["--runs", "2", "--held-out", "1", "--cycles", "5"]
+    assert main(["rig", "make", "--out", ".", *size]) == 0
+    assert [file.name for file in (tmp_path / "labels").iterdir()] == ["mine.json"]
+    assert read_campaign(Path()).rig == "mine"
 
 
 def test_a_later_day_is_the_same_rig_at_other_points(tmp_path: Path) -> None:

@@ -58,6 +58,13 @@ def test_what_is_no_axis_is_refused(text: str) -> None:
         axis_from_text(text)
 
 
+@pytest.mark.parametrize("count", ["1000001", "100000000000", "9" * 400])
+def test_an_axis_that_is_too_long_is_refused_before_it_is_made(count: str) -> None:
+    with pytest.raises(ParameterError, match=r"K takes up to 1000000 values, got") as refused:
+        axis_from_text(f"K=0:1:{count}")
+    assert len(str(refused.value)) < 300
+
+
 @pytest.mark.parametrize("name", ["k_amp", "model", "order", "n_planets"])
 def test_only_numbers_that_leave_the_model_its_size_make_an_axis(name: str) -> None:
     with pytest.raises(ParameterError, match=f"{name} makes no axis"):

@@ -24,6 +24,7 @@ from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.views.mirror.gap_blueprint import RunLayout, blueprint
 from herringbone_sim.views.mirror.target import MirrorTarget
 
 pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
@@ -111,6 +112,11 @@ def test_the_file_is_one_that_the_viewer_takes(
         "/run_01/plane/augmented/sp",
     ):
         assert entity in done.stdout
+
+
+def test_a_run_without_motion_has_no_portrait_and_stops_no_overview() -> None:
+    still = RunLayout("run_00", "fit", {}, (), ())
+    blueprint(False, [still])
 
 
 def test_a_viewer_that_is_not_there_is_said(campaign: PreparedCampaign, found: Diagnosis) -> None:

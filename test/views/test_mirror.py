@@ -207,23 +207,13 @@ def test_off_takes_nothing_and_counts_nothing() -> None:
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: MirrorTarget("show"), "mode"),
-        (lambda: MirrorTarget("save"), "path"),
         (lambda: Drawing(REDUCED, burst_cycles=0), "burst_cycles"),
         (lambda: Drawing(REDUCED, mesh="sp9_L"), "mesh"),
-        (lambda: RerunMirror(MirrorTarget("off"), PLAIN, queue_blocks=0), "queue_blocks"),
     ],
 )
 def test_impossible_options_are_refused(make: Callable[[], object], match: str) -> None:
     with pytest.raises(ParameterError, match=match):
         make()
-
-
-def test_block_of_wrong_shape_is_refused() -> None:
-    with pytest.raises(ParameterError, match="rows"):
-        MirrorBlock(0, ("t", "K"), np.zeros((3, 1)), np.zeros((0, 2)))
-    with pytest.raises(ParameterError, match="'t'"):
-        MirrorBlock(0, ("K",), np.zeros((3, 1)), np.zeros((0, 1)))
 
 
 def test_a_failure_that_repeats_is_told_rarely_with_its_count(

@@ -44,7 +44,7 @@ def test_constant_data_have_room() -> None:
 
 
 def test_bifurcation_is_bounded_and_forgets_only_at_the_same_value() -> None:
-    store = Bifurcation(n_bins=400, n_points=50)
+    store = Bifurcation()
     store.add(np.array([0.25]), np.array([7.0]), np.array([1]))
     for k in np.linspace(0.0, 0.5, 300):
         store.add(np.full(500, k), np.arange(500.0), np.zeros(500, dtype=np.int64))
@@ -115,8 +115,7 @@ def test_both_branches_of_a_hysteresis_stay_in_the_bifurcation() -> None:
 def test_a_new_axis_has_the_direction_of_its_own_parameter() -> None:
     """K rises, then delta_T falls: the first points over delta_T are those of a fall."""
     block = make_block()
-    planes = Planes.of(MagicMock(), REDUCED, None, "", block)
-    assert planes is not None
+    planes = Planes(MagicMock(), REDUCED, None, "sp_L", block.names)
     directions = []
     for column, value in (("K", 0.1), ("K", 0.2), ("delta_T", 40.0), ("delta_T", 45.0)):
         block.rows[:, block.names.index(column)] = value

@@ -103,6 +103,18 @@ def test_long_runs_are_cut_into_the_largest_number_of_blocks(run: Path) -> None:
     assert edges[-1][1] == len(replay.rows)
 
 
+@pytest.mark.parametrize("at", [0, -1, slice(None)])
+def test_a_phase_that_is_unknown_is_shown_all_the_same(run: Path, at: int | slice) -> None:
+    recording = read_recording(run)
+    data = recording.samples.data.copy()
+    data[at, recording.samples.names.index("phase")] = np.nan
+    samples = TimeSeries(recording.samples.times, data, recording.samples.names)
+    holed = dataclasses.replace(recording, samples=samples)
+    blocks = list(replay_blocks(holed, prepare(holed), 20, 400))
+    assert len(blocks) > 5
+    assert sum(len(block.rows) for block in blocks) == len(data)
+
+
 def test_regime_is_a_period_once_the_motion_has_settled(gear: Parameters) -> None:
     linear = build(gear.changed({"b": 0.0, "delta_T": 0.0, "k_amp": (0.01,), "xi": 0.2}))
     _, settled = simulate(linear, 400)
@@ -157,6 +169,7 @@ def test_show_saves_a_file_that_rerun_verifies(run: Path, tmp_path: Path) -> Non
         (("--mesh", "sp7_L"), "sp7_L"),
         (("--size", "big", "--screenshot", "x.png"), "--size"),
         (("--burst", "0"), "burst"),
+        (("--blocks", "0"), "--blocks"),
     ],
 )
 def test_show_says_what_is_wrong(

@@ -13,10 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.lanes.extended import jump_rows, shift_row
 from herringbone_sim.core.lanes.nonlinear_series import (
     expand_nonlinear_motion,
@@ -35,8 +32,6 @@ from herringbone_sim.core.lanes.packed import (
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
 from herringbone_sim.core.lanes.vector import choose, fma, get, load, put, store
 from herringbone_sim.core.packed import called, inlined
-
-Flags = NDArray[np.bool_]
 
 
 class Neighbours(NamedTuple):

@@ -243,14 +243,7 @@ def set_jump(w, a, old, new):
     share = load(w.constants, DAMPING, a) - load(w.constants, law_row(w) + OPEN, a)
     jump = share * (absolute(new) - absolute(old))
     store(w.mesh_state, JUMP, a, jump)
-    jumps = without_zero(jump)
-    store(w.mesh_state, SIGN, a, choose(jumps, new - old, load(w.mesh_state, SIGN, a)))
-
-
-@inlined
-def without_zero(a):
-    """Return the mask of the lanes in which a is not zero."""
-    return a != 0.0
+    store(w.mesh_state, SIGN, a, choose(jump != 0.0, new - old, load(w.mesh_state, SIGN, a)))
 
 
 @called
@@ -277,7 +270,7 @@ def jump_rows(unrolled, w, y, row, coupled, border_shift):
     )
     for a in range(2 * half):
         jump = load(w.mesh_state, JUMP, a)
-        if not bits(without_zero(jump)):
+        if not bits(jump != 0.0):
             continue
         planet = a % half
         x = load(y, row, sides + planet)

@@ -26,13 +26,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
-
-Indices = NDArray[np.int64]
 
 # Rows of the constants (rows, n_mesh, LANES); by mesh, side or coordinate as in ``Packed``.
 STIFFNESS, DAMPING, BORDER, E_MEAN = 0, 1, 2, 3
@@ -253,9 +250,9 @@ def _what_acts(
     none = np.zeros((0, 2), dtype=np.int64)
     if not sizes.extended:
         return none, none, none[:, 0]
-    acts: NDArray[np.bool_] = np.any(table[:, :, :n_row] != 0.0, axis=0)
+    acts: Flags = np.any(table[:, :, :n_row] != 0.0, axis=0)
     first = len(acts) - 6 * (n_all + 1)
-    push: NDArray[np.bool_] = np.any(acts[first:].reshape(2, 3, n_all + 1, n_row), axis=0)
+    push: Flags = np.any(acts[first:].reshape(2, 3, n_all + 1, n_row), axis=0)
     shift = acts[first - 2 * sizes.added : first].reshape(2, sizes.added, n_row).any(axis=0)
     pairs, shifts = np.argwhere(push.any(axis=0)), np.argwhere(shift)
     rubs = np.flatnonzero(push[1:].any(axis=(0, 1)))

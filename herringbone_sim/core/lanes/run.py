@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.lanes.columns import (
     jump_columns,
     move_columns,
@@ -44,7 +43,6 @@ from herringbone_sim.core.lanes.packed import (
     STEP,
     SWITCHES,
     WIDTH,
-    Indices,
 )
 from herringbone_sim.core.lanes.rows import event_row, load_row
 from herringbone_sim.core.lanes.series import (
@@ -82,7 +80,7 @@ class Results(NamedTuple):
     end: Array  # (n, n_state)
     growth: Array  # (n, batches + 1, tangents), see ``end_cycle``
     contact: Array  # (n, n_mesh, 2) time in back and in drive contact, in grid steps
-    failed: NDArray[np.bool_]  # (n,) whether the motion diverged
+    failed: Flags  # (n,) whether the motion diverged
 
 
 @inlined

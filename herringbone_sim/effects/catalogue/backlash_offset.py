@@ -6,8 +6,8 @@ A positive offset gives more play. Source: Eq. (3) with another b.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PLAY, law
 from herringbone_sim.effects.site import ANYWHERE
@@ -22,9 +22,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[PLAY, m] = max(law[PLAY, m] + theta[0], 0.0)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the offset to b', limited to zero from below."""
     slots.half_backlash = np.maximum(slots.half_backlash + theta[0] * mask, 0.0)
 

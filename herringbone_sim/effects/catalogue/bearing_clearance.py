@@ -18,8 +18,8 @@ Eqs. (13), (14).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQUE, law, play
@@ -29,7 +29,7 @@ CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
 MASK, PIN, MASS, COS_BETA, MULTIPLICITY, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
 
 
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+def place(model: Model, mask: Array, options: Options) -> Array:
     """Return ``site``, rows (10, n_mesh).
 
     1 on both meshes of a free half; index of its pin; mass of the pin [kg] at the index of the
@@ -133,9 +133,7 @@ def drive(theta, site, gear, now, added_states, force, slope):
                 slope[2 * k + 1] = push / mass - y
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add w of each free pin as a coordinate, with the correction of the carrier."""
     if theta[CLEARANCE] <= 0.0:
         return

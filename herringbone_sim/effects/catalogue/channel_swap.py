@@ -5,18 +5,14 @@ Source: by definition; the motion does not change.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, replaced
 from herringbone_sim.effects.effect import Effect
 from herringbone_sim.errors import ParameterError, listed
 
 
-def distort(
-    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
-) -> TimeSeries:
+def distort(theta: Array, series: TimeSeries, channels: tuple[str, ...]) -> TimeSeries:
     """Return the series with two channels swapped; ParameterError unless there are two."""
     if len(channels) != 2:
         raise ParameterError(f"channel_swap takes two channels, got {listed(channels)}: name both")

@@ -7,17 +7,13 @@ Source: by definition; the motion does not change.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import between, replaced
 from herringbone_sim.effects.effect import Effect, Option, Parameter
 
 
-def distort(
-    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
-) -> TimeSeries:
+def distort(theta: Array, series: TimeSeries, channels: tuple[str, ...]) -> TimeSeries:
     """Return the series with drifting times, or with drifting values of the named channels."""
     if channels:
         at = series.times * (1.0 + 1e-6 * theta[0])

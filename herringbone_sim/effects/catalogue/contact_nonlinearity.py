@@ -7,8 +7,8 @@ instead of the linear k_h of Eq. (5).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import PLAY, STIFFNESS, law, play
 from herringbone_sim.effects.slots import Slots
@@ -26,9 +26,7 @@ def react(theta, site, gear, now, added_states, x, v, law, force, torque):
             force[m] += law[STIFFNESS, m] * f * (power - 1.0)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Change the spring force k f to k f (|f| / f_0)^(exponent - 1)."""
     slots.bend_spring(mask, theta[0], F_0)
 

@@ -6,9 +6,7 @@ to the spring's load (Hunt and Crossley 1975). Source: Eq. (12) with another c.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import DAMPING, PLAY, law, play
 from herringbone_sim.effects.slots import Slots
@@ -24,9 +22,7 @@ def react(theta, site, gear, now, added_states, x, v, law, force, torque):
             force[m] += theta[0] * law[DAMPING, m] * v[m] * (s - 1.0)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Multiply c v by 1 - share + share s."""
     slots.bend_damping(mask, *theta)
 

@@ -6,8 +6,8 @@ Source: a factor on Eq. (7); Eqs. (5), (6) of the paper give k_m from the parts 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import STIFFNESS, law
 from herringbone_sim.effects.site import ANYWHERE
@@ -22,9 +22,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[STIFFNESS, m] *= theta[0]
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Multiply k by the factor."""
     slots.scale_stiffness(np.where(mask > 0.0, theta[0], 1.0))
 

@@ -6,9 +6,7 @@ all four meshes in Eqs. (15) and (16) by w cos beta, as a mean error e of Eq. (9
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import SHIFT, law
 from herringbone_sim.effects.slots import Slots
@@ -22,9 +20,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[SHIFT, m] -= theta[0]
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the offset to e, that is -offset to d."""
     slots.displacement = slots.displacement - theta[0] * mask
 

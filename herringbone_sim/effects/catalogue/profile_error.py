@@ -7,20 +7,12 @@ the deflection.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import FREQUENCY, PHASE, SHIFT, SHIFT_RATE, law
-from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.site import ANYWHERE, ORDER, mesh_order
 from herringbone_sim.effects.slots import Slots
-
-ORDER = 1
-
-
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Return ``site``, rows (2, n_mesh): mask, order."""
-    return np.stack([mask, np.full(mask.shape, float(options["order"]))])
 
 
 @law
@@ -35,9 +27,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[SHIFT_RATE, m] -= rate * (theta[1] * cos - theta[0] * sin)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add one harmonic to e: subtract it from the displacement d."""
     slots.add_displacement(float(options["order"]), -theta[0] * mask, -theta[1] * mask)
 
@@ -52,7 +42,7 @@ EFFECT = Effect(
     ),
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
     loci=ANYWHERE,
-    place=place,
+    place=mesh_order,
     fill=fill,
     excite=excite,
 )

@@ -8,8 +8,8 @@ is not fixed, as in lumped models of planetary gears (Lin and Parker 1999).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import SHIFT, SHIFT_RATE, law
@@ -18,7 +18,7 @@ from herringbone_sim.effects.slots import Coordinates, Slots
 MASS, COS_BETA, MULTIPLICITY = range(1, 4)
 
 
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+def place(model: Model, mask: Array, options: Options) -> Array:
     """Return ``site``, rows (4, n_mesh): mask, M_r [kg], cos beta, planets a mesh represents."""
     ones = np.ones(mask.shape)
     s = model.scales
@@ -54,9 +54,7 @@ def drive(theta, site, gear, now, added_states, force, slope):
             slope[2 * side + 1] = load / mass
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add u of each ring half with a mesh in the mask as a coordinate."""
     if np.isinf(theta[0]):
         return

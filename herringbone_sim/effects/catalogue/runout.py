@@ -10,8 +10,8 @@ deflection.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
@@ -20,7 +20,7 @@ from herringbone_sim.effects.site import MEMBER, revolutions
 from herringbone_sim.effects.slots import Slots
 
 
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+def place(model: Model, mask: Array, options: Options) -> Array:
     """Return ``site``, rows (3, n_mesh): mask, mesh cycles per wave, delay in mesh cycles."""
     rows = revolutions(model, mask, options)
     rows[1] /= options["order"]
@@ -37,9 +37,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[SHIFT_RATE, m] -= theta[0] * np.cos(angle) * now[FREQUENCY] / site[1, m]
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the wave to e: subtract it from the displacement d."""
     _, cycles, late = place(slots.model, mask, options)
     order = 1.0 / float(cycles[0])

@@ -6,18 +6,14 @@ Source: by definition; the motion does not change.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, between, replaced
 from herringbone_sim.effects.effect import Effect, Parameter
 from herringbone_sim.effects.site import ANYWHERE
 
 
-def distort(
-    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
-) -> TimeSeries:
+def distort(theta: Array, series: TimeSeries, channels: tuple[str, ...]) -> TimeSeries:
     """Return the series with the channels delayed by theta[0] seconds."""
     at = series.times - theta[0]
     return replaced(series, {name: between(series.times, series[name], at) for name in channels})

@@ -5,18 +5,14 @@ Source: definition of a calibration error; the motion does not change.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import CHANNELS, replaced
 from herringbone_sim.effects.effect import Effect, Parameter
 from herringbone_sim.effects.site import ANYWHERE
 
 
-def distort(
-    theta: NDArray[np.float64], series: TimeSeries, channels: tuple[str, ...]
-) -> TimeSeries:
+def distort(theta: Array, series: TimeSeries, channels: tuple[str, ...]) -> TimeSeries:
     """Return the series with the channels multiplied by the gain."""
     return replaced(series, {name: theta[0] * series[name] for name in channels})
 

@@ -6,9 +6,7 @@ nominal e(t), so the change of e appears as a displacement d.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import law, shift_phase
 from herringbone_sim.effects.slots import Slots
@@ -22,9 +20,7 @@ def excite(theta, site, gear, now, added_states, law):
             shift_phase(gear, now, m, theta[0], law)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Advance k and e of the meshes by the angle."""
     slots.shift_phase(mask, theta[0])
 

@@ -6,20 +6,13 @@ Source: Eq. (7) with one more term; order 1 corrects amplitude and phase of Eq. 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from herringbone_sim.core.model import Model, mean_stiffness
+from herringbone_sim.arrays import Array
+from herringbone_sim.core.model import mean_stiffness
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import MEAN_K, PHASE, STIFFNESS, law
-from herringbone_sim.effects.site import ANYWHERE
+from herringbone_sim.effects.site import ANYWHERE, ORDER, mesh_order
 from herringbone_sim.effects.slots import Slots
-
-ORDER = 1
-
-
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
-    """Return ``site``, rows (2, n_mesh): mask, order."""
-    return np.stack([mask, np.full(mask.shape, float(options["order"]))])
 
 
 @law
@@ -35,9 +28,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[STIFFNESS, m] += gear[MEAN_K, m] * share
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the harmonic to k, with amplitudes relative to the mean of the gear without effects."""
     k_m = mean_stiffness(slots.model.parameters) * mask
     slots.add_stiffness(float(options["order"]), theta[0] * k_m, theta[1] * k_m)
@@ -53,7 +44,7 @@ EFFECT = Effect(
     ),
     options=(Option("order", "of the mesh frequency", 2, tuple(range(1, 9))),),
     loci=ANYWHERE,
-    place=place,
+    place=mesh_order,
     fill=fill,
     excite=excite,
 )

@@ -7,8 +7,8 @@ gives more backlash. Source: Eqs. (2), (3) with another expansion coefficient.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import DELTA_T, PLAY, bent_temperature, law
 from herringbone_sim.effects.site import CURVATURE
@@ -24,9 +24,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[PLAY, m] = max(law[PLAY, m] + theta[0] * warm, 0.0)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add rate T to b', limited to zero from below."""
     more = theta[0] * bent_temperature(slots.model.parameters.delta_T, theta[1])
     slots.half_backlash = np.maximum(slots.half_backlash + more * mask, 0.0)

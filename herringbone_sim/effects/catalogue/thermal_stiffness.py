@@ -7,8 +7,8 @@ coefficient of Young's modulus in k_h, k_a, k_b, k_s, k_f of Eq. (5).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import DELTA_T, STIFFNESS, bent_temperature, law
 from herringbone_sim.effects.site import CURVATURE
@@ -24,9 +24,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[STIFFNESS, m] *= max(1.0 - theta[0] * warm, 0.05)
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Multiply k by 1 - rate T, limited to 0.05 from below."""
     factor = max(1.0 - theta[0] * bent_temperature(slots.model.parameters.delta_T, theta[1]), 0.05)
     slots.scale_stiffness(np.where(mask > 0.0, factor, 1.0))

@@ -9,8 +9,8 @@ tooth lowered.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import STIFFNESS, bump, cycles_from_event, law
 from herringbone_sim.effects.site import MEMBER, whole_cycles
@@ -26,9 +26,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[STIFFNESS, m] *= 1.0 - theta[0] * bump(s, theta[2])
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Reduce k while the tooth is in mesh."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)

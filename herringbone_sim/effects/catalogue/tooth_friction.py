@@ -13,8 +13,8 @@ Vaishya and Singh (J. Sound Vib. 248, 671, 2001).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.effect import Effect, Options, Parameter
@@ -25,7 +25,7 @@ from herringbone_sim.effects.slots import Slots
 TAN, DRIVER_ARM, DRIVEN_ARM, CARRIER_ARM, COS_BETA, MULTIPLICITY = range(1, 7)
 
 
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+def place(model: Model, mask: Array, options: Options) -> Array:
     """Return ``site``, rows (7, n_mesh).
 
     Mask; tan alpha_t; p_b over the base radius of the driving and of the driven gear; lever arm on
@@ -69,9 +69,7 @@ def react(theta, site, gear, now, added_states, x, v, law, force, torque):
             torque[2] += site[MULTIPLICITY, m] * g * site[CARRIER_ARM, m]
 
 
-def friction_arms(
-    model: Model, mask: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def friction_arms(model: Model, mask: Array) -> tuple[Array, Array]:
     """Return friction torques over base radius (n_mesh, n_bodies) per |F| of each mesh at mu = 1.
 
     Returns:
@@ -94,9 +92,7 @@ def friction_arms(
     return constant, lever
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the friction torques; the normal force does not change."""
     constant, lever = friction_arms(slots.model, mask)
     slots.add_friction(theta[0] * constant, theta[0] * lever)

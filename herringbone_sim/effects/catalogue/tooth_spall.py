@@ -9,8 +9,8 @@ subtract from the deflection.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.effects.effect import Effect, Options, Parameter
 from herringbone_sim.effects.law import (
@@ -37,9 +37,7 @@ def excite(theta, site, gear, now, added_states, law):
             law[SHIFT_RATE, m] -= theta[0] * bump_slope(s, theta[2]) * rate
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the event to e: subtract it from the displacement d."""
     _, cycles, late = whole_cycles(slots.model, mask, options)
     none = np.zeros(mask.shape)

@@ -8,8 +8,8 @@ Eq. (12), not constant.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.effect import Effect, Option, Options, Parameter
 from herringbone_sim.effects.law import PHASE, TORQUE, law
@@ -18,7 +18,7 @@ from herringbone_sim.effects.slots import Slots
 ORDER, SHAFT_CYCLES, RADIUS = range(1, 4)
 
 
-def place(model: Model, mask: NDArray[np.float64], options: Options) -> NDArray[np.float64]:
+def place(model: Model, mask: Array, options: Options) -> Array:
     """Return ``site``, rows (4, n_mesh).
 
     Mask; order; mesh cycles per revolution of the input shaft; base radius of the sun [m].
@@ -38,9 +38,7 @@ def react(theta, site, gear, now, added_states, x, v, law, force, torque):
     torque[1] += more
 
 
-def fill(
-    slots: Slots, theta: tuple[float, ...], mask: NDArray[np.float64], options: Options
-) -> None:
+def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) -> None:
     """Add the ripple to the torque on both halves of the sun.
 
     Args:

@@ -21,7 +21,8 @@ from herringbone_sim.control.shape import ShapeMap, zero_start_periods
 from herringbone_sim.views.figures.maps import (
     APERIODIC,
     PERIOD_COLOURS,
-    exponent_norm,
+    cells,
+    draw_rates,
     period_places,
 )
 from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
@@ -173,17 +174,6 @@ def _draw_pair(
     right.set_title("largest Lyapunov exponent")
 
 
-def draw_rates(axes: Axes, values: Sequence[float], K: Array, rates: Array, label: str) -> None:
-    """Draw exponents (n, m) over values (n,) and K (m,), and a colour bar with the label.
-
-    White at zero, red above, blue below, each with a scale of its own.
-    """
-    image = cells(axes, values, K, rates, cmap="RdBu_r", norm=exponent_norm(rates))
-    assert axes.figure is not None
-    bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
-    bar.set_label(label)
-
-
 def _phase_curves(axes: Axes, amplitudes: Sequence[LeastAmplitude]) -> None:
     """Draw ``Staircase.firm`` of P1 over the phase, from the zero start and from all starts."""
     for starts, style, label in (
@@ -217,11 +207,6 @@ def _order_ticks(axes: Axes, orders: Sequence[float]) -> None:
             annotation_clip=False,
         )
     axes.set_xlabel("control frequency over mesh frequency (▴: irrational)")
-
-
-def cells(axes: Axes, values: Sequence[float], K: Array, data: Array, **options: Any) -> Any:
-    """Draw cells coloured by data (n, m) over values (n,) and K (m,); return their collection."""
-    return axes.pcolormesh(values, K, data.T, shading="nearest", rasterized=True, **options)
 
 
 def _legend(axes: Axes, names: Sequence[tuple[str, str]], below: bool = False) -> None:

@@ -50,34 +50,22 @@ def write_gap_figures(folder: Path, arrays: GapArrays) -> list[Picture]:
     Raises:
         AnalysisError: the folder can't be written.
     """
-    drawn: list[tuple[str, Figure, str]] = []
+    drawn: dict[str, tuple[Figure, str]] = {}
     with matplotlib.rc_context(STYLE):
-        if arrays.forces is not None:
-            drawn.append(
-                ("gap_forces", forces_figure(arrays.forces), forces_caption(arrays.forces))
-            )
+        if (forces := arrays.forces) is not None:
+            drawn["forces"] = forces_figure(forces), forces_caption(forces)
         if arrays.phase is not None and arrays.residual_n is not None:
             figure = residual_figure(arrays.phase, arrays.residual_n)
-            drawn.append(
-                (
-                    "gap_residual",
-                    figure,
-                    "Mean residual of the force over the mesh phase, fit runs",
-                )
-            )
+            drawn["residual"] = figure, "Mean residual of the force over the mesh phase, fit runs"
         if arrays.shares:
             figure = shares_figure(arrays.shares)
-            drawn.append(
-                ("gap_shares", figure, "Share of the residual by operating point, fit runs")
-            )
+            drawn["shares"] = figure, "Share of the residual by operating point, fit runs"
         if arrays.contact is not None:
-            drawn.append(
-                ("gap_contact", contact_figure(arrays.contact), "Contact of the flanks, fit runs")
-            )
+            drawn["contact"] = contact_figure(arrays.contact), "Contact of the flanks, fit runs"
         make_folder(folder / "figures")
         return [
-            Picture(save(figure, folder / "figures", name)[0], caption)
-            for name, figure, caption in drawn
+            Picture(save(figure, folder / "figures", f"gap_{name}")[0], caption)
+            for name, (figure, caption) in drawn.items()
         ]
 
 

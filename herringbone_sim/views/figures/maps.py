@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -21,7 +22,6 @@ from herringbone_sim.sweeps.store import Result
 from herringbone_sim.views.figures.style import (
     FRAMED_STYLE,
     INK,
-    cell_edges,
     parameter_label,
     save,
 )
@@ -100,8 +100,8 @@ def draw_period(axes: Axes, result: Result) -> None:
     """
     period = result["period"]
     colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
-    limits = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 0.5}
-    _mesh(axes, result, period_places(period), cmap=colours, **limits)
+    limits: Any = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 0.5}
+    cells(axes, *_places(result), period_places(period), cmap=colours, **limits)
     axes.set_title("period of the motion, mesh cycles")
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
@@ -125,25 +125,33 @@ def _hatch_unstable(axes: Axes, result: Result) -> bool:
     positive = result["exponent"] > np.maximum(2.0 * result["exponent_error"], LEAST_EXPONENT)
     unstable = (result["period"] > 0) & positive
     if unstable.any():
-        places = [axis.values for axis in result.axes]
         share = unstable.T.astype(float)
-        axes.contourf(*places, share, levels=[0.5, 1.5], colors="none", hatches=[HATCH])
+        axes.contourf(*_places(result), share, levels=[0.5, 1.5], colors="none", hatches=[HATCH])
     return bool(unstable.any())
 
 
 def draw_exponent(axes: Axes, result: Result) -> None:
     """Draw the largest exponent by colour: white at zero, red above, blue below."""
-    exponent = result["exponent"]
-    norm = exponent_norm(exponent)
-    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
-    image = _mesh(axes, result, exponent, cmap="RdBu_r", norm=norm)
+    bar = draw_rates(axes, *_places(result), result["exponent"], r"$\lambda_1$ per $\tau$")
     axes.set_title("largest Lyapunov exponent")
-    assert axes.figure is not None
-    bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
-    bar.set_label(r"$\lambda_1$ per $\tau$")
+    low, high = bar.norm.vmin or 0.0, bar.norm.vmax or 0.0
     halves = [MaxNLocator(4).tick_values(*ends) for ends in ((low, 0.0), (0.0, high))]
     bar.set_ticks([t for half in halves for t in half if low <= t <= high])
     bar.ax.axhline(0.0, color=INK, linewidth=0.8)
+
+
+def draw_rates(
+    axes: Axes, x: Sequence[float] | Array, y: Array, rates: Array, label: str
+) -> Colorbar:
+    """Draw exponents (n, m) over x (n,) and y (m,); return their colour bar, with the label.
+
+    White at zero, red above, blue below, each with a scale of its own.
+    """
+    image = cells(axes, x, y, rates, cmap="RdBu_r", norm=exponent_norm(rates))
+    assert axes.figure is not None
+    bar = axes.figure.colorbar(image, ax=axes, extend="both", pad=0.02, aspect=28)
+    bar.set_label(label)
+    return bar
 
 
 def exponent_norm(exponents: Array) -> TwoSlopeNorm:
@@ -157,19 +165,26 @@ def draw_contact(axes: Axes, result: Result) -> None:
     """Draw loss of contact: hue by number of flanks, depth by the fraction of time apart."""
     apart = (result["sun_separated"] + result["ring_separated"]) / 2.0
     loss = result["contact_loss"]
-    _mesh(axes, result, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
+    places = _places(result)
+    cells(axes, *places, np.where(loss == 0, 0.0, np.nan), cmap=ListedColormap([NO_LOSS]))
     axes.set_title("loss of contact: share of the time apart")
     assert axes.figure is not None
     for level, (colours, label) in reversed(LOSSES.items()):
         if (loss == level).any():
             share = np.where(loss == level, apart, np.nan)
-            image = _mesh(axes, result, share, cmap=colours, vmin=-0.15, vmax=1.0)
+            image = cells(axes, *places, share, cmap=colours, vmin=-0.15, vmax=1.0)
             bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=28)
             bar.ax.set_ylim(0.0, 1.0)
             bar.ax.set_title(label, fontsize=7, pad=4.0, loc="center")
     if (loss == 0).any():
         handle = Patch(facecolor=NO_LOSS, edgecolor=INK, linewidth=0.4, label="never lost")
         axes.legend(handles=[handle], handlelength=1.0, handleheight=1.0, fontsize=8, loc="best")
+
+
+def _places(result: Result) -> tuple[Array, Array]:
+    """Values (n,) and (m,) of the two axes of a sweep."""
+    first, second = result.axes
+    return np.array(first.values), np.array(second.values)
 
 
 def _parts(result: Result) -> dict[str, Callable[[Axes, Result], None]]:
@@ -193,7 +208,6 @@ def _figure(
         return figure
 
 
-def _mesh(axes: Axes, result: Result, values: Array, **look: Any) -> Any:
-    """Draw cells coloured by values (n, m), the second axis vertical; return their collection."""
-    edges = [cell_edges(np.array(axis.values)) for axis in result.axes]
-    return axes.pcolormesh(edges[0], edges[1], values.T, rasterized=True, **look)
+def cells(axes: Axes, x: Sequence[float] | Array, y: Array, data: Array, **look: Any) -> Any:
+    """Draw cells coloured by data (n, m) over x (n,) and y (m,); return their collection."""
+    return axes.pcolormesh(x, y, data.T, shading="nearest", rasterized=True, **look)

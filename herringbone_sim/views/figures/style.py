@@ -67,45 +67,41 @@ PARAMETER_SYMBOLS = {
 
 @dataclass(frozen=True)
 class Scale:
-    """Units of the axes: dimensionless if ``b_c_m`` and ``omega_n`` are known, else µm, m/s, ms.
+    """Units of the axes: µm, m/s and ms, or dimensionless, see ``of``.
 
     Attributes:
-        b_c_m: displacement scale, m, or None.
-        omega_n: natural frequency, rad/s, or None.
+        x: metres in one unit of displacement.
+        v: metres per second in one unit of velocity.
+        time: seconds in one unit of time.
+        x_unit, v_unit: ends of the axis labels.
+        time_label: label of the time axis.
     """
 
-    b_c_m: float | None = None
-    omega_n: float | None = None
+    x: float = 1e-6
+    v: float = 1.0
+    time: float = 1e-3
+    x_unit: str = " [µm]"
+    v_unit: str = " [m/s]"
+    time_label: str = "time [ms]"
 
-    @property
-    def bare(self) -> bool:
-        return bool(self.b_c_m and self.omega_n)
+    @classmethod
+    def of(cls, b_c_m: float | None, omega_n: float | None) -> Scale:
+        """Dimensionless units of a gear; µm, m/s and ms if one of its scales is unknown.
 
-    @property
-    def x(self) -> float:
-        """Metres in one unit of displacement."""
-        return self.b_c_m if self.b_c_m and self.bare else 1e-6
-
-    @property
-    def v(self) -> float:
-        """Metres per second in one unit of velocity."""
-        return self.x * self.omega_n if self.omega_n and self.bare else 1.0
-
-    @property
-    def time(self) -> float:
-        """Seconds in one unit of time."""
-        return 1 / self.omega_n if self.omega_n and self.bare else 1e-3
-
-    @property
-    def time_label(self) -> str:
-        return r"time $\tau = \omega_n t$" if self.bare else "time [ms]"
+        Args:
+            b_c_m: displacement scale [m], or None.
+            omega_n: natural frequency [rad/s], or None.
+        """
+        if not (b_c_m and omega_n):
+            return cls()
+        units = r" / $b_c$", r" / $b_c\,\omega_n$", r"time $\tau = \omega_n t$"
+        return cls(b_c_m, b_c_m * omega_n, 1 / omega_n, *units)
 
     def x_label(self, mesh: str) -> str:
-        return mesh_symbol("x", mesh) + (r" / $b_c$" if self.bare else " [µm]")
+        return mesh_symbol("x", mesh) + self.x_unit
 
     def v_label(self, mesh: str) -> str:
-        unit = r" / $b_c\,\omega_n$" if self.bare else " [m/s]"
-        return mesh_symbol(r"\dot x", mesh) + unit
+        return mesh_symbol(r"\dot x", mesh) + self.v_unit
 
 
 def parameter_label(name: str) -> str:

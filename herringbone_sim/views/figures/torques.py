@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from herringbone_sim.control.amplitude import Survey, Target
 from herringbone_sim.control.realisation import Actuator, TorqueDemand, smallest_demand
 from herringbone_sim.control.robustness import SHARES, StartShares, Survival
-from herringbone_sim.views.figures.control import draw_rates
+from herringbone_sim.views.figures.maps import draw_rates
 from herringbone_sim.views.figures.style import BLUE, FRAMED_STYLE, GREEN, ORANGE, parameter_label
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")

@@ -10,7 +10,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.errors import ParameterError, listed
+from herringbone_sim.errors import ParameterError
 
 DRIVE, SEPARATED, BACK = "drive", "separated", "back"
 STATES = (DRIVE, SEPARATED, BACK)
@@ -25,20 +25,11 @@ class Scale:
         b_half: mesh kind (``sp``, ``rp``) -> half backlash b' [m]; a missing kind has no
             contact state.
         omega_n: frequency scale [rad/s], 0 when unknown: velocities are then shown in m/s.
-
-    Raises:
-        ParameterError: b_c is not positive.
     """
 
     b_c: float
     b_half: Mapping[str, float] = field(default_factory=dict)
     omega_n: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.b_c > 0:
-            raise ParameterError(
-                f"b_c must be positive, got {self.b_c!r} m: hand in the displacement scale"
-            )
 
     @property
     def velocity(self) -> tuple[float, str]:
@@ -93,9 +84,6 @@ class MirrorBlock:
         regime: ``P1``, ``P2``, ..., ``chaotic``, or empty when unknown.
         exponent: running largest Lyapunov exponent per tau, NaN when unknown.
         b_half: mesh kind -> half backlash [m], which overrides that of ``Scale``.
-
-    Raises:
-        ParameterError: shapes and names disagree, or ``t`` is missing.
     """
 
     wall_ns: int
@@ -108,16 +96,6 @@ class MirrorBlock:
     regime: str = ""
     exponent: float = nan
     b_half: Mapping[str, float] | None = None
-
-    def __post_init__(self) -> None:
-        if "t" not in self.names:
-            raise ParameterError(f"a block needs a channel 't', got {listed(self.names)}")
-        for label, array in (("rows", self.rows), ("sections", self.sections)):
-            if array.ndim != 2 or array.shape[1] != len(self.names):
-                raise ParameterError(
-                    f"{label} must be (n, {len(self.names)}), one column a name, "
-                    f"got {array.shape}: hand in one row a sample"
-                )
 
     def column(self, name: str) -> Array:
         """Samples (n,) of a channel at full rate; ValueError when it is missing."""

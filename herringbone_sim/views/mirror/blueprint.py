@@ -78,14 +78,21 @@ def side_by_side(*parts: Any) -> Any:
 def course_row(
     available: AvailableViews, path: str, title: str, unit: str, kinds: tuple[str, ...]
 ) -> Any:
-    """Time courses of a quantity, one view per mesh kind side by side; None without a kind."""
+    """Time courses of a quantity, one view per mesh kind side by side; None without a kind.
+
+    Each is of the last ``window_s`` seconds before the time cursor.
+    """
+    range_s = rrb.TimeRange(
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-available.window_s),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )
     views = [
         time_course(
             f"/{path}/{kind}",
             f"{title}, {KIND_WORDS[kind]} [{unit}]",
-            axis_x=time_axis(available.window_s),
+            axis_x=rrb.TimeAxis(view_range=range_s),
             plot_legend=rrb.PlotLegend(visible="contact" not in available.planes),
-            time_ranges=[window(available.window_s)],
+            time_ranges=[rrb.VisibleTimeRange("sim_time", range=range_s)],
         )
         for kind in kinds
     ]
@@ -120,22 +127,4 @@ def text_row() -> Any:
             name="Events",
             columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["Body"]),
         ),
-    )
-
-
-def window(window_s: float) -> Any:
-    """Return the time range of a view: the last ``window_s`` seconds before the time cursor."""
-    return rrb.VisibleTimeRange("sim_time", range=cursor_range(window_s))
-
-
-def time_axis(window_s: float) -> Any:
-    """Return a time axis of the last ``window_s`` seconds before the time cursor."""
-    return rrb.TimeAxis(view_range=cursor_range(window_s))
-
-
-def cursor_range(window_s: float) -> Any:
-    """Return the range from ``window_s`` seconds before the time cursor up to it."""
-    return rrb.TimeRange(
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-window_s),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
     )

@@ -58,16 +58,14 @@ def _overview(gear: bool, runs: Sequence[RunLayout]) -> Any:
         plane_view(f"gear/{name}", f"Share of the residual, {TITLES[name]}", WIDTH, HEIGHT)
         for name in COLUMNS[1:]
     ]
-    first = runs[0] if runs else None
-    below = _planes(first, first.meshes[0]) if first else None
+    below = _planes(runs[0]) if runs else None
     above = rrb.Horizontal(verdict, *(gears if gear else []))
     return rrb.Vertical(*(p for p in (above, below) if p is not None), name="Where and what")
 
 
 def _run(run: RunLayout) -> Any:
     rows = [_forces(run, kind) for kind in run.kinds]
-    rows += [_planes(run, run.meshes[0]) if run.meshes else None]
-    rows += [_residuals(run)]
+    rows += [_planes(run), _residuals(run)]
     shares = [2.0] * len(run.kinds) + [3.5, 3.5]
     return rrb.Vertical(stack(rows, shares), name=f"{run.name} ({run.role})")
 
@@ -85,11 +83,13 @@ def _residuals(run: RunLayout) -> Any:
     return rrb.Horizontal(about, *(columns if run.kinds else []))
 
 
-def _planes(run: RunLayout, mesh: str) -> Any:
+def _planes(run: RunLayout) -> Any:
+    """Return the phase portraits of a run side by side; None without any."""
     views = [
         plane_view(
             f"{run.name}/plane/{name}/{mesh}", f"{run.name}: {mesh}, {TITLES[name]}", 110.0, 100.0
         )
+        for mesh in run.meshes
         for name in COLUMNS
         if name in run.planes
     ]

@@ -14,7 +14,6 @@ from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from herringbone_sim.errors import ParameterError
 from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
 from herringbone_sim.views.mirror.target import MirrorTarget
 
@@ -40,16 +39,13 @@ class RerunMirror:
     Args:
         target: viewer, server or file to send to.
         drawing: what is drawn of each block, and in which units.
-        queue_blocks: size of the queue.
+        queue_blocks: size of the queue, 1 or more.
         report: called in the mirror's thread with each new failure, and with a repeated failure
             and its count at most every ``REPEAT_S`` seconds.
 
     Attributes:
         mode, address: of the target; when open, the address of the receiver.
         dropped: number of blocks that were not shown.
-
-    Raises:
-        ParameterError: ``queue_blocks`` below 1.
     """
 
     def __init__(
@@ -60,10 +56,6 @@ class RerunMirror:
         queue_blocks: int = 8,
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        if queue_blocks < 1:
-            raise ParameterError(
-                f"queue_blocks must be at least 1, got {queue_blocks}: choose a larger one"
-            )
         self.mode = target.mode
         self.dropped = 0
         self.address = target.address

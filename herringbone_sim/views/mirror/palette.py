@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from herringbone_sim.core.layout import Layout
+from herringbone_sim.views.gear_geometry import ramp
 
 Colour = tuple[int, int, int]
 
@@ -28,12 +29,7 @@ MARKER: Colour = (240, 228, 66)
 
 def shaded(colour: Colour, share: float) -> Colour:
     """Mix a colour with white (share > 0) or with the background (share < 0), share in -1..1."""
-    target = (255, 255, 255) if share > 0 else BACKGROUND
-    weight = abs(share)
-    red, green, blue = (
-        round(own + weight * (other - own)) for own, other in zip(colour, target, strict=True)
-    )
-    return red, green, blue
+    return ramp(abs(share), colour, (255, 255, 255) if share > 0 else BACKGROUND)
 
 
 def mesh_colours(layout: Layout) -> dict[str, Colour]:

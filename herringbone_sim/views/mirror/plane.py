@@ -9,6 +9,7 @@ from math import ceil, floor, inf, log2, log10
 import numpy as np
 from numpy.typing import NDArray
 
+from herringbone_sim.analysis.sections import cubic
 from herringbone_sim.arrays import Array, Indices
 
 Range = tuple[float, float]
@@ -85,7 +86,7 @@ class Axes:
 
 
 class Bifurcation:
-    """Store of the newest section points over a parameter: ``n_bins`` bins of ``n_points``.
+    """Store of the newest section points over a parameter, ``n_points`` in each of 400 bins.
 
     Bins by parameter value keep many points at one value from displacing those at others. Half of
     each bin is for a rising, half for a falling parameter, so that hysteresis shows. Bins are
@@ -93,11 +94,11 @@ class Bifurcation:
     neighbouring bins form a page, the unit that is drawn again.
     """
 
+    n_pages = 40
     per_page = 10
+    n_points = 50
 
-    def __init__(self, n_bins: int = 400, n_points: int = 50) -> None:
-        self.n_pages = n_bins // self.per_page
-        self.n_points = n_points
+    def __init__(self) -> None:
         self.bin_width = 0.0
         self._bins: dict[int, dict[bool, deque[tuple[float, float, int]]]] = {}
 
@@ -158,16 +159,8 @@ def smooth(points: Array, n: int = 4) -> Array:
     """Return a Catmull-Rom spline ((m - 1) n + 1, 2) through points (m, 2); m < 3: unchanged."""
     if len(points) < 3:
         return points
-    before = np.vstack((2 * points[0] - points[1], points[:-2]))
-    after = np.vstack((points[2:], 2 * points[-1] - points[-2]))
-    a, b = points[:-1], points[1:]
-    u = (np.arange(n) / n)[None, :, None]
-    slope_a, slope_b = (b - before)[:, None] / 2, (after - a)[:, None] / 2
-    a, b = a[:, None], b[:, None]
-    curve = (
-        (2 * u**3 - 3 * u**2 + 1) * a
-        + (u**3 - 2 * u**2 + u) * slope_a
-        + (3 * u**2 - 2 * u**3) * b
-        + (u**3 - u**2) * slope_b
-    )
-    return np.vstack((curve.reshape(-1, 2), points[-1:]))
+    slopes = np.gradient(points, axis=0)
+    left = np.repeat(np.arange(len(points) - 1), n)
+    share = np.tile(np.arange(n) / n, len(points) - 1)
+    ends = points[left], points[left + 1], slopes[left], slopes[left + 1]
+    return np.vstack((cubic(*ends, share, np.ones(len(share))), points[-1:]))

@@ -16,7 +16,6 @@ from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.palette import (
     MARKER,
     STATE_COLOURS,
-    Colour,
     mesh_colours,
     shaded,
 )
@@ -35,27 +34,26 @@ class Planes:
 
     Args:
         recording: a ``rerun.RecordingStream``.
-        mesh: name of the mesh.
+        layout: names of the meshes.
         scale: units and backlash, or None for micrometres.
-        colour: of the mesh.
-        has_velocity, has_section: whether blocks have velocities, and section points.
+        mesh: name of the mesh, which has a displacement.
+        names: channels of the blocks.
     """
 
     def __init__(
         self,
         recording: Any,
-        mesh: str,
+        layout: Layout,
         scale: Scale | None,
-        colour: Colour,
-        has_velocity: bool,
-        has_section: bool,
+        mesh: str,
+        names: tuple[str, ...],
     ) -> None:
         self.recording = recording
         self.mesh = mesh
         self.scale = scale or MICRON
-        self.colour = colour
-        self.has_velocity = has_velocity
-        self.has_section = has_section
+        self.colour = mesh_colours(layout)[mesh]
+        self.has_velocity = f"v_{mesh}" in names
+        self.has_section = "phase" in names
         self.steered = "K"
         self._x_label = f"x_{mesh} / b_c" if scale else f"x_{mesh} [µm]"
         self._v_label = f"v_{mesh}{self.scale.velocity[1]}"
@@ -64,18 +62,6 @@ class Planes:
         self._bifurcation = Bifurcation()
         self._rising = True
         self._before: dict[str, float] = {}
-
-    @classmethod
-    def of(
-        cls, recording: Any, layout: Layout, scale: Scale | None, mesh: str, block: MirrorBlock
-    ) -> Planes | None:
-        """Create the diagrams of a mesh, or of the first with data if empty; None without data."""
-        names = [m for m in layout.meshes if f"x_{m}" in block.names and mesh in ("", m)]
-        if not names:
-            return None
-        velocity = f"v_{names[0]}" in block.names
-        colour = mesh_colours(layout)[names[0]]
-        return cls(recording, names[0], scale, colour, velocity, "phase" in block.names)
 
     @property
     def titles(self) -> dict[str, Plane]:

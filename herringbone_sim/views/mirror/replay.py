@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import ceil, pi
@@ -16,7 +15,7 @@ from herringbone_sim.analysis.periods import find_period
 from herringbone_sim.analysis.sections import stroboscopic_section
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.layout import Layout
-from herringbone_sim.core.model import half_backlashes
+from herringbone_sim.core.model import by_kind, half_backlashes
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.core.timeseries import TimeSeries
@@ -139,13 +138,14 @@ def replay_block(
 
 
 def block_edges(replay: Replay, burst_cycles: int, max_blocks: int) -> list[tuple[int, int]]:
-    """Return the first row of each block and the row after its last."""
+    """Return the first row of each block and the row after its last; ``max_blocks`` >= 1."""
     count = len(replay.rows)
-    if "phase" in replay.names:
-        turns = replay.rows[:, replay.names.index("phase")] / (2 * pi)
-        turns = turns - turns[0]
+    phase = replay.rows[:, replay.names.index("phase")] if "phase" in replay.names else np.empty(0)
+    known = np.flatnonzero(np.isfinite(phase))
+    if known.size:
+        turns = (phase[known] - phase[known[0]]) / (2 * pi)
         cycles = max(burst_cycles, ceil(turns[-1] / max_blocks))
-        cuts = np.searchsorted(turns, np.arange(0, turns[-1], cycles) - 1e-9)
+        cuts = known[np.searchsorted(turns, np.arange(0, turns[-1], cycles) - 1e-9)]
     else:
         cuts = np.arange(0, count, max(ROWS_WITHOUT_PHASE, ceil(count / max_blocks)))
     edges = np.unique([*cuts.tolist(), 0, count])
@@ -182,28 +182,19 @@ def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, lis
     try:
         if recorded:
             notes = [f"effects: {recorded[EFFECTS]}"] if recorded.get(EFFECTS) else []
-            return quiet_gear(recorded), notes
+            return gear_of_values(recorded)[0], notes
     except ParameterError as error:
         return None, [f"parameters that can't be read, so no scale and no backlash: {error}"]
     if nominal:
-        return quiet_gear({}), ["no parameters recorded: scale and backlash of the nominal rig"]
+        return Parameters(), ["no parameters recorded: scale and backlash of the nominal rig"]
     return None, ["no parameters recorded, so no scale and no backlash (try --nominal)"]
-
-
-def quiet_gear(values: Mapping[str, object]) -> Parameters:
-    """Return parameters from recorded values, without warnings; ParameterError if invalid."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return gear_of_values(values)[0]
 
 
 def at_temperature(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
     """Return the gear with ``delta_T`` of ``parameters``; unchanged where either is unknown."""
     if gear is None or "delta_T" not in parameters:
         return gear
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return gear.changed({"delta_T": parameters["delta_T"]})
+    return gear.changed({"delta_T": parameters["delta_T"]})
 
 
 def scale_of(gear: Parameters) -> Scale:
@@ -213,8 +204,7 @@ def scale_of(gear: Parameters) -> Scale:
         half = half_backlashes(gear, unit)
     except ParameterError:
         half = np.zeros(2)
-    b_half = {"sp": float(half[0]), "rp": float(half[len(half) // 2])}
-    return Scale(unit.b_c, b_half, unit.omega_n)
+    return Scale(unit.b_c, by_kind(half), unit.omega_n)
 
 
 def parameters_at(recording: Recording, replay: Replay, row: Array) -> dict[str, float]:

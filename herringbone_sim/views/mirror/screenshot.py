@@ -20,19 +20,17 @@ from herringbone_sim.views.mirror.sink import (
 )
 
 SETTLE_S = 1.0
+TIMEOUT_S = 90.0
 VULKAN_HINT = "the viewer draws with Vulkan: without a GPU `apt install mesa-vulkan-drivers` helps"
 
 
-def take_screenshot(
-    rrd: Path, png: Path, size: tuple[int, int] = (1400, 900), timeout_s: float = 90.0
-) -> None:
+def take_screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1400, 900)) -> None:
     """Write a PNG of a .rrd file as the viewer shows it once it has loaded everything.
 
     Args:
         rrd: the file to show.
         png: the picture to write.
         size: of the window, in points; the picture has two pixels a point.
-        timeout_s: time limit.
 
     Raises:
         ViewerError: no viewer, no Vulkan driver, or no picture in time.
@@ -49,7 +47,7 @@ def take_screenshot(
         )
         try:
             await_answer(viewer, "viewer", errors, HOST, port)
-            png.write_bytes(stable_screenshot(port, timeout_s))
+            png.write_bytes(stable_screenshot(port))
         except (ViewerError, RuntimeError, OSError) as error:
             raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
         finally:
@@ -57,14 +55,14 @@ def take_screenshot(
             viewer.wait()
 
 
-def stable_screenshot(port: int, timeout_s: float) -> bytes:
+def stable_screenshot(port: int) -> bytes:
     """Return the PNG of the viewer once two in a row are equal, as it loads in the background.
 
     Raises:
-        ViewerError: they were not within ``timeout_s`` seconds.
+        ViewerError: they were not within ``TIMEOUT_S`` seconds.
     """
     client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
-    deadline = time.monotonic() + timeout_s
+    deadline = time.monotonic() + TIMEOUT_S
     before = b""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
@@ -75,7 +73,7 @@ def stable_screenshot(port: int, timeout_s: float) -> bytes:
             if picture == before:
                 return picture
             before = picture
-    raise ViewerError(f"the viewer was not done within {timeout_s:g} s")
+    raise ViewerError(f"the viewer was not done within {TIMEOUT_S:g} s")
 
 
 def free_port() -> int:

@@ -120,7 +120,7 @@ class RerunStream:
         if before and before.names == block.names and is_near(before.window_s, window_s):
             return
         if before is None or before.names != block.names:
-            self._planes = Planes.of(self.recording, self.layout, self.scale, self.mesh, block)
+            self._planes = self._open_planes(block)
             self._lanes = self._open_lanes(block)
             self._send_styles(block)
         self._available = self._find_views(block, window_s)
@@ -144,6 +144,13 @@ class RerunStream:
         if self._lanes:
             titles["contact"] = ("Contact state over the window above", *self._lanes.size)
         return titles
+
+    def _open_planes(self, block: MirrorBlock) -> Planes | None:
+        """Open the diagrams of the mesh, or of the first with data if empty; None without data."""
+        for mesh in self.layout.meshes:
+            if f"x_{mesh}" in block.names and self.mesh in ("", mesh):
+                return Planes(self.recording, self.layout, self.scale, mesh, block.names)
+        return None
 
     def _open_lanes(self, block: MirrorBlock) -> ContactLanes | None:
         meshes = [m for kind in self._bordered(block) for m in self._meshes(block, "x", kind)]

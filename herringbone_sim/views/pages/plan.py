@@ -103,6 +103,12 @@ def size(value: float, unit: str) -> str:
     return f"{number(value, 3)} {plain_unit}".removesuffix(" -")
 
 
+def by_gain(plan: Plan, also: Mapping[str, Plan]) -> list[tuple[str, Plan, float]]:
+    """Return additional sensors, the most useful first: name, plan with it, ``size_reduction``."""
+    every = [(name, more, size_reduction(plan, more)) for name, more in also.items()]
+    return sorted(every, key=lambda entry: (-named_effects(entry[1]), -entry[2]))
+
+
 def effect_rows(plan: Plan) -> list[list[str]]:
     """Return the rows of the table of effects, columns as in ``HEAD``."""
     return [
@@ -151,15 +157,14 @@ def _sensors(plan: Plan, also: Mapping[str, Plan]) -> Table | None:
     """Return the table of additional sensors, the most useful first; None if there are none."""
     if not also:
         return None
-    ordered = sorted(also, key=lambda n: (-named_effects(also[n]), -size_reduction(plan, also[n])))
     rows = [
         [
             name,
-            f"{named_effects(also[name])} of {len(also[name].effects)}",
-            number(size_reduction(plan, also[name]), 3),
-            ", ".join(also[name].observations),
+            f"{named_effects(more)} of {len(more.effects)}",
+            number(gain, 3),
+            ", ".join(more.observations),
         ]
-        for name in ordered
+        for name, more, gain in by_gain(plan, also)
     ]
     head = ["one sensor more", "named at a moderate size", "sizes fall by a factor of", "rests on"]
     return Table(head, rows, (1, 2))

@@ -14,51 +14,44 @@ from herringbone_sim.views.tables.csv_file import write_csv
 Cell = str | int | float | None
 
 
-def segment_columns(results: Sequence[SegmentResult]) -> list[str]:
-    """Return the column names of ``segments.csv``."""
-    meshes = results[0].motion.meshes
-    shares = [f"{share}_{mesh}" for mesh in meshes for share in ("drive", "separated", "back")]
-    return [
-        *("segment", "start_s", "stop_s", "cycles", "dropped_cycles", *results[0].segment.point),
-        *("ramp", "period", "period_residual", "period_reason"),
-        *("exponent_per_cycle", "exponent_low", "exponent_high", "exponent_reach"),
-        *(
-            "exponent_reason",
-            "model_exponent_per_cycle",
-            "model_exponent_error",
-            "cycles_per_tau",
-            "noise",
-        ),
-        *(f"off_lines_{mesh}" for mesh in meshes),
-        *shares,
-        "notes",
-    ]
-
-
-def segment_row(result: SegmentResult) -> list[Cell]:
-    """One row of ``segments.csv``, in the order of ``segment_columns``."""
-    off = result.off_lines if len(result.off_lines) else np.full(len(result.contact), np.nan)
-    return [
-        *(result.number, *result.span_s, result.segment.cycles, result.dropped_cycles),
-        *result.segment.point.values(),
-        *(result.segment.ramp, result.period.value, result.period.residual, result.period.reason),
-        *(result.exponent.value, result.exponent.low, result.exponent.high),
-        *(
-            result.exponent.reach,
-            result.exponent.reason,
-            *result.model_exponent,
-            result.cycles_per_tau,
-            result.noise,
-        ),
-        *off.tolist(),
-        *(share for c in result.contact for share in (c.drive, c.separated, c.back)),
-        "; ".join(result.notes),
-    ]
+def segment_row(result: SegmentResult) -> dict[str, Cell]:
+    """One row of ``segments.csv``, by column."""
+    meshes = result.motion.meshes
+    off = result.off_lines if len(result.off_lines) else np.full(len(meshes), np.nan)
+    return {
+        "segment": result.number,
+        "start_s": result.span_s[0],
+        "stop_s": result.span_s[1],
+        "cycles": result.segment.cycles,
+        "dropped_cycles": result.dropped_cycles,
+        **result.segment.point,
+        "ramp": result.segment.ramp,
+        "period": result.period.value,
+        "period_residual": result.period.residual,
+        "period_reason": result.period.reason,
+        "exponent_per_cycle": result.exponent.value,
+        "exponent_low": result.exponent.low,
+        "exponent_high": result.exponent.high,
+        "exponent_reach": result.exponent.reach,
+        "exponent_reason": result.exponent.reason,
+        "model_exponent_per_cycle": result.model_exponent[0],
+        "model_exponent_error": result.model_exponent[1],
+        "cycles_per_tau": result.cycles_per_tau,
+        "noise": result.noise,
+        **{f"off_lines_{mesh}": share for mesh, share in zip(meshes, off.tolist(), strict=True)},
+        **{
+            f"{name}_{c.mesh}": getattr(c, name)
+            for c in result.contact
+            for name in ("drive", "separated", "back")
+        },
+        "notes": "; ".join(result.notes),
+    }
 
 
 def write_segments(path: Path, results: Sequence[SegmentResult]) -> None:
-    """Write a CSV table with a row per segment, columns of ``segment_columns``."""
-    write_csv(path, segment_columns(results), (segment_row(result) for result in results))
+    """Write a CSV table with a row per segment, columns of ``segment_row``."""
+    rows = [segment_row(result) for result in results]
+    write_csv(path, list(rows[0]), (row.values() for row in rows))
 
 
 def write_poincare(path: Path, results: Sequence[SegmentResult]) -> None:
