@@ -24,7 +24,9 @@ from herringbone_sim.practice.stepper import accelerations, integrate
 SAMPLES_PER_CYCLE = 24
 CYCLES = 120
 TRANSIENT = 80
+STEADY = 20  # last mesh cycles of the transient, in which the slowing by losses is measured
 FINER = 4  # samples of the filter input per recorded sample, of ``SAMPLES_PER_CYCLE`` or more
+RIGID = np.array([2.0, 2.0, 1.0, *[1.0] * 6])  # rotations u of the bodies that move no mesh
 COS_BETA = float(np.cos(np.radians(16.0)))
 
 
@@ -105,6 +107,8 @@ def simulate_motion(
     sampling = sampling or Sampling()
     step = 2.0 * np.pi / sampling.per_cycle / p.omega
     lead = sampling.transient * sampling.per_cycle * step
+    if p.friction.any() or p.output[0] != 0.0:
+        p = with_steady_load(p, phase0 - p.omega * lead, start, lead)
     own = lead + step * np.arange(sampling.cycles * sampling.per_cycle)
     grids = [own, *(own - lag for lag in sampling.lags)]
     grids += [own + drift * (own - lead) for drift in sampling.drifts]
@@ -127,6 +131,24 @@ def simulate_motion(
     ]
     fine = seen.pop() if sampling.delay is not None else None
     return SimulatedRun(seen[0], tuple(seen[1:]), fine)
+
+
+def with_steady_load(p: RigModel, phase: float, start: Array, lead: float) -> RigModel:
+    """Return a rig that loses power with the load at which its mean speed is steady.
+
+    Args:
+        p: rig model, its load without losses.
+        phase, start: mesh phase [rad] and state (30,) at which the transient starts.
+        lead: duration of the transient [s], ``STEADY`` mesh cycles or more.
+    """
+    cycle = 2.0 * np.pi / p.omega
+    ends = lead - cycle * np.array([STEADY, STEADY / 2.0, 0.0])
+    states = integrate(p, phase, start, np.concatenate([[0.0], ends]))[0][1:]
+    # A cycle apart in phase: differences of rotations are mean rates without any oscillation.
+    inertia = RIGID * p.mass[:N_BODY]
+    rate = np.diff(states[:, :N_BODY] @ inertia / (RIGID @ inertia)) / (STEADY / 2.0 * cycle)
+    slowing = np.diff(rate)[0] / (STEADY / 2.0 * cycle)
+    return p._replace(brake=p.brake + float(slowing * (RIGID @ inertia)))
 
 
 def _motion_at(
@@ -170,10 +192,9 @@ def geometry(u: Array) -> Array:
 
 def without_trend(u: Array, times: Array) -> Array:
     """Return u (n, 9) less the linear trend of the rigid rotation, fitted with nominal masses."""
-    rigid = np.array([2.0, 2.0, 1.0, *[1.0] * 6])
-    weights = rigid * _nominal_masses()
-    along = u @ weights / float(rigid @ weights)
-    detrended: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * rigid
+    weights = RIGID * _nominal_masses()
+    along = u @ weights / float(RIGID @ weights)
+    detrended: Array = u - np.polyval(np.polyfit(times, along, 1), times)[:, None] * RIGID
     return detrended
 
 

@@ -218,20 +218,31 @@ def test_an_event_is_sought_by_the_force_that_it_adds(
 
 @pytest.mark.parametrize("pitch", [-0.1, -0.05, 0.05, 0.1])
 def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
-    """Its shapes follow the sign about a pitch point ``pitch`` cycles off to a quarter of the RMS.
+    """Its shapes follow sliding that reverses ``pitch`` cycles late to a third of the RMS.
 
-    Without those near the pitch point a third or more is left.
+    Both at the pitch point and half a cycle later; without the shapes near these half is left.
     """
     phase = np.linspace(-np.pi, np.pi, 480, endpoint=False)
     shapes = balance.friction_shapes(phase)
-    turned = np.sign(phase / (2.0 * np.pi) - pitch)
+    turned = np.sign(np.sin(phase - 2.0 * np.pi * pitch))
     left = []
     for names in (balance.FRICTION, [f for f in balance.FRICTION if f not in balance.NEAR]):
-        columns = np.stack([shapes[f] for f in names if f != "lever"], axis=1)
+        columns = np.stack([shapes[f] for f in names if f in shapes and f != "lever"], axis=1)
         fitted = columns @ np.linalg.lstsq(columns, turned, rcond=None)[0]
         left.append(float(np.sqrt(np.mean((turned - fitted) ** 2))))
     assert left[0] < 0.27
     assert left[1] > 0.33
+
+
+def test_friction_can_follow_the_spring_force_alone() -> None:
+    """The shape ``ELASTIC`` beside that of the sign: |F - c v| takes the place of |F|."""
+    phase = np.linspace(-np.pi, np.pi, 48, endpoint=False)
+    shapes, force, damper = balance.friction_shapes(phase), np.cos(phase), 0.3 * np.sin(phase)
+    both = [
+        balance.friction_of_mesh(shape, shapes, force, damper)
+        for shape in ("sign", balance.ELASTIC)
+    ]
+    np.testing.assert_allclose(sum(both), np.abs(force - damper) * np.sign(phase), atol=1e-12)
 
 
 @pytest.mark.parametrize("slope_share", [-0.4, 0.0, 1.0])

@@ -211,7 +211,8 @@ def test_steps_miss_no_more_than_is_counted_as_noise(
     monkeypatch.setattr(windows, "STEP_RAD", windows.STEP_RAD / 8.0)
     finely = Trajectory(trajectory.run)
     drive = finely.forcing(LawChange(), np.ones(9), ())
-    off = evaluated(finely.recorded, shot.starts, drive).residuals - shot.residuals
+    again = evaluated(finely.recorded, shot.starts, drive, shot.trends)
+    off = again.residuals - shot.residuals
     size = np.sqrt(np.nanmean(s.channels.values**2, axis=0))
     missed = np.sqrt(np.mean((off / s.weight) ** 2, axis=(0, 1))) / size
     assert 1e-5 < missed.max() < windows.INTEGRATION_ERROR
@@ -316,6 +317,25 @@ def test_columns_of_bodies_are_differences(
     pushes = [(push, step) for push in body_forces(trajectory.model, m, law(m), [name])]
     drive = trajectory.forcing(LawChange(), trajectory.masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
+
+
+def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolution]) -> None:
+    """A drive holds the speed: the load is smaller by what friction takes on average."""
+    trajectory, shot = one
+    m = trajectory._motion_at_half_steps(shot)
+    pushes = list(body_forces(trajectory.model, m, law(m), ["friction lever of 1"]))
+    work = [push.size.mean() * (push.direction @ [2, 2, *[1] * 7]) for push in pushes]
+    assert work[0] < 0.0
+    assert sum(work) == pytest.approx(0.0, abs=1e-9 * abs(work[0]))
+
+
+def test_rotations_may_lack_a_common_parabola(gear: Gear) -> None:
+    s = gear.trajectories[0].recorded
+    (wave,) = (w.reshape(-1, len(s.channels.names)) for w in s.trends.wave)
+    np.testing.assert_allclose(np.diff(wave, 3, axis=0), 0.0, atol=1e-12)
+    assert np.all(np.diff(wave, 2, axis=0) > 0.0)
+    sun, carrier = (s.channels.names.index(name) for name in ("u_s_L", "u_c"))
+    np.testing.assert_allclose(wave[:, sun], 2.0 * wave[:, carrier])
 
 
 def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:

@@ -21,13 +21,14 @@ from herringbone_sim.practice.outside import UNSEEN
 from herringbone_sim.practice.plan import KINDS, NAMED, TRUTHS, UNNAMED, RequestedNoise, draw_plan
 from herringbone_sim.practice.random_physics import RANDOM_PHYSICS
 from herringbone_sim.practice.record import (
+    RIGID,
     Sampling,
     geometry,
     law_force,
     own_error_shift,
     simulate_motion,
 )
-from herringbone_sim.practice.rig_model import BODIES, MESHES, NOMINAL, rig_model
+from herringbone_sim.practice.rig_model import BODIES, MESHES, N_BODY, NOMINAL, rig_model
 from herringbone_sim.practice.sensors import distort
 from herringbone_sim.practice.shapes import displaced, flank
 from herringbone_sim.practice.solve import solve_size
@@ -51,6 +52,16 @@ def at_rest(p):
     rate = p.error[0] * p.omega / p.cos_beta
     y[18:24], y[15:17] = rate, 2.0 * rate
     return y
+
+
+def test_the_load_of_a_rig_that_loses_power_holds_its_speed():
+    """The rigid rotation has no parabola as large as the motion; with the nominal load, 4 mm."""
+    p = rig_model(NOMINAL, POINT)._replace(friction=np.full(12, 0.1))
+    u = simulate_motion(p, 0.0, at_rest(p)).now.u
+    inertia = RIGID * p.mass[:N_BODY]
+    along = u @ inertia / (RIGID @ inertia)
+    parabola = np.polynomial.legendre.legfit(np.linspace(-1.0, 1.0, len(along)), along, 2)[2]
+    assert abs(parabola) < np.std(u[:, 0])
 
 
 @pytest.mark.parametrize("Omega", [0.35, 1.154])

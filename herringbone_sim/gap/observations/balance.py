@@ -8,7 +8,7 @@ of the force law, on which effects act.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -32,12 +32,14 @@ NAME = "torque_balance"
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input shaft; chosen
-# Knots [mesh cycles] about the nominal pitch point, chosen: the actual one may lie a tenth of a
-# cycle off, and friction rises or fades near it.
-NEAR_PITCH = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
-NEAR = tuple(f"near {i}" for i in range(len(NEAR_PITCH)))
+# Knots [mesh cycles] about the nominal pitch point and about the change of teeth half a cycle from
+# it, where sliding reverses too, chosen: the actual ones may lie a tenth of a cycle off, and
+# friction rises or fades near them.
+KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
+NEAR = tuple(f"near {i}" for i in range(2 * len(KNOTS)))
+ELASTIC = "elastic"  # part of friction by which it follows the spring force instead of all of F
 # Shapes of friction over the mesh cycle: direction of sliding, lever arm, free departures.
-FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR)
+FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR, ELASTIC)
 
 
 def function_names(
@@ -185,8 +187,24 @@ def with_quadrature(
     return replace(block, residual=block.residual - ((after_n - before_n) @ whole.T)[rows])
 
 
+def friction_of_mesh(
+    shape: str, shapes: Mapping[str, Array], force: Array, damper_force: Array
+) -> Array:
+    """Friction (n,) [N] of one mesh by a shape of ``FRICTION``, at a coefficient of 1.
+
+    Args:
+        shapes: see ``friction_shapes``.
+        force: (n,) normal force [N].
+        damper_force: (n,) part of it by the damper [N]; NaN where unknown, counted as 0.
+    """
+    if shape == ELASTIC:
+        elastic = np.abs(force - np.nan_to_num(damper_force))
+        return np.asarray((elastic - np.abs(force)) * shapes["sign"])
+    return np.asarray(np.abs(force) * shapes[shape])
+
+
 def friction_shapes(phase: Array) -> dict[str, Array]:
-    """Shapes ``FRICTION`` (n,) at mesh phases (n,) [rad], by name; pitch point at phase 0."""
+    """Shapes of ``FRICTION`` but ``ELASTIC`` (n,) at mesh phases (n,) [rad]; pitch point at 0."""
     s = phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
     return {
@@ -196,14 +214,14 @@ def friction_shapes(phase: Array) -> dict[str, Array]:
         "sin 2": np.sin(2 * phase),
         "cos 1": np.cos(phase),
         "cos 2": np.cos(2 * phase),
-        **dict(zip(NEAR, _tents(s), strict=True)),
+        **dict(zip(NEAR, [*_tents(s), *_tents(s - np.sign(s) * 0.5)], strict=True)),
     }
 
 
 def _tents(s: Array) -> Array:
-    """Hat functions (knots, n) over ``NEAR_PITCH`` at s (n,) mesh cycles from the pitch point."""
-    width = NEAR_PITCH[1] - NEAR_PITCH[0]
-    tents: Array = np.maximum(1.0 - np.abs(s - NEAR_PITCH[:, None]) / width, 0.0)
+    """Hat functions (knots, n) over ``KNOTS`` at s (n,) mesh cycles from a reversal."""
+    width = KNOTS[1] - KNOTS[0]
+    tents: Array = np.maximum(1.0 - np.abs(s - KNOTS[:, None]) / width, 0.0)
     return tents
 
 
@@ -236,7 +254,7 @@ def _columns(
     made: dict[str, Callable[[], Array]] = {"constant": partial(np.ones, len(m.phase))}
 
     def friction(j: int, shape: str) -> Array:
-        return np.abs(force[:, j]) * shapes[shape]
+        return friction_of_mesh(shape, shapes, force[:, j], m.c[j] * m.v[:, j])
 
     def ripple(trig: Callable[[Array], Array], q: int) -> Array:
         return trig(q * m.phase / turn)

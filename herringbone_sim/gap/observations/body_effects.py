@@ -50,8 +50,8 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             }
             for o in builder.window_observation:
                 bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
-            # Near the pitch point friction may reverse earlier or later: a wide prior.
-            share = 1.0 if g in balance.NEAR else DEPARTURE_SHARE
+            # Sliding may reverse earlier or later, and friction may follow the spring force.
+            share = 1.0 if g in (*balance.NEAR, balance.ELASTIC) else DEPARTURE_SHARE
             terms.append(builder.coefficient(g, bend, 0.05 * share))
         yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
 

@@ -53,14 +53,14 @@ def rigid_swing(run: PreparedRun) -> Array:
     only its trend.
     """
     M = 1.0 / inverse_masses(run.model)
-    rigid = _rigid_rotation(bodies_to_meshes(run.model))
+    rigid = rigid_rotation(run.model)
     swing = rigid_moment(run, run.phase) / (M @ rigid**2)
     return np.asarray(swing[:, None] * rigid)
 
 
-def _rigid_rotation(G: Array) -> Array:
-    """Rotations (9,) of the bodies that move no mesh, 1 at the carrier; G: (n_mesh, 9)."""
-    rigid = np.linalg.svd(G)[2][-1]
+def rigid_rotation(model: Model) -> Array:
+    """Rotations (9,) of the bodies that move no mesh, 1 at the carrier."""
+    rigid = np.linalg.svd(bodies_to_meshes(model))[2][-1]
     return np.asarray(rigid / rigid[2])
 
 
@@ -72,7 +72,7 @@ def static_rotations(run: PreparedRun) -> Array:
     model = run.model
     p, sc = model.parameters, model.scales
     G = bodies_to_meshes(model)
-    of_rigid = _rigid_rotation(G) / inverse_masses(model)
+    of_rigid = rigid_rotation(model) / inverse_masses(model)
     tau = np.zeros(len(of_rigid))
     tau[:2] = p.T_1 / (2.0 * sc.r_bs)
     tau[2] = -sc.T_2 / sc.r_bc

@@ -17,7 +17,7 @@ from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
-from herringbone_sim.gap.observations.body_motion import body_loads
+from herringbone_sim.gap.observations.body_motion import body_loads, rigid_rotation
 from herringbone_sim.gap.observations.consistency import ERROR_KINDS
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
@@ -68,6 +68,9 @@ def body_forces(
 ) -> Iterator[BodyForce]:
     """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
+    Friction comes as two: its torques, and what the load is less on average, as the rotation is
+    steady: a gear that loses power gives less torque at the carrier.
+
     Args:
         m, now: motion of the meshes, and the force law there.
         names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
@@ -78,6 +81,7 @@ def body_forces(
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase)
     turn = cycles_per_shaft_turn(model)["s"]
+    rigid, on_the_carrier = rigid_rotation(model), np.eye(STATES // 2)[2]
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
     for name in names:
@@ -87,12 +91,16 @@ def body_forces(
             if not arms:
                 arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
             arm = arms["lever" if g == "lever" else "sign"]
-            yield BodyForce(name, arm[j], np.abs(now.force[:, j]) * shapes[g])
+            size = balance.friction_of_mesh(g, shapes, now.force[:, j], m.c[j] * m.v[:, j])
+            yield BodyForce(name, arm[j], size)
+            yield BodyForce(
+                name, on_the_carrier, np.full(len(size), -(rigid @ arm[j]) * size.mean())
+            )
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in of_carrier:
-            yield BodyForce(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
+            yield BodyForce(name, on_the_carrier, of_carrier[name].values(m, now))
 
 
 def window_columns(

@@ -1,4 +1,4 @@
-"""Trends: parts that recorded channels may lack, constants, lines and the rigid swing."""
+"""Trends: parts that channels may lack, constants, lines, parabolas and the rigid swing."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.body_motion import rigid_swing
+from herringbone_sim.gap.observations.body_motion import rigid_rotation, rigid_swing
 from herringbone_sim.gap.observations.window_channels import WindowChannels
 
 
 class Trends(NamedTuple):
-    """Waveforms that readings may contain or lack: a constant and a line over the run, the swing.
+    """Waveforms that readings may contain or lack: constant, line and parabola, and the swing.
 
     An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
     was subtracted as the steady rotation takes a part of the motion with it; an accelerometer that
-    is AC-coupled lacks its mean. A simulator in relative coordinates leaves out the rigid
-    oscillation under the control (amplitude 1), a rig does not (0).
+    is AC-coupled lacks its mean. Where a gear loses power, the load holds its speed but for a small
+    error, by which all bodies slow down together: a parabola. A simulator in relative coordinates
+    leaves out the rigid oscillation under the control (amplitude 1), a rig does not (0).
 
     Attributes:
         wave: (m, W, samples, k) part of the readings of all channels by a unit amplitude of each.
@@ -32,7 +33,7 @@ class Trends(NamedTuple):
 def trends_of(
     run: PreparedRun, channels: WindowChannels, motion: float, shape: tuple[int, int]
 ) -> Trends:
-    """Trends of a run: of detrended rotations, accelerations, and, with a control, the swing.
+    """Trends of a run: of detrended rotations, accelerations, slowing, with a control the swing.
 
     Args:
         motion: RMS of the shafts' motion [m].
@@ -50,6 +51,11 @@ def trends_of(
         if name in run.detrended or name[0] == "a":
             trends += [wave[..., None] * channel for wave in waves]
             size += [largest[name[0]]] * len(waves)
+    if np.any(channels.of_u):
+        # The second Legendre polynomial: neither mean nor slope, which readings lack anyway.
+        parabola = (1.5 * waves[1] ** 2 - 0.5)[..., None]
+        trends.append(parabola * (channels.of_u @ rigid_rotation(run.model)))
+        size.append(largest["u"])
     if run.model.packed.K and np.any(channels.of_u):
         swing = rigid_swing(run)[: W * samples] @ channels.of_u.T
         trends.append(-swing.reshape(W, samples, -1))
