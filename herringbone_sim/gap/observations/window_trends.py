@@ -17,8 +17,8 @@ class Trends(NamedTuple):
 
     An encoder that counts from an arbitrary mark lacks the wind-up under the load, and a line that
     was subtracted as the steady rotation takes a part of the motion with it; an accelerometer that
-    is AC-coupled lacks its mean. Where a gear loses power, the load holds its speed but for a small
-    error, by which all bodies slow down together: a parabola. A simulator in relative coordinates
+    is AC-coupled lacks its mean. Where a gear loses power, the load holds its speed but for an
+    error, by which all bodies slow down together, a parabola. A simulator in relative coordinates
     leaves out the rigid oscillation under the control (amplitude 1), a rig does not (0).
 
     Attributes:
