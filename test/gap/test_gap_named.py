@@ -234,6 +234,13 @@ def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
     assert left[1] > 0.33
 
 
+def test_the_coefficient_of_friction_is_that_of_the_whole_curve() -> None:
+    """Departures have no part of the sign over a mesh cycle."""
+    shapes = balance.friction_shapes((np.arange(4800) + 0.5) * 2.0 * np.pi / 4800)
+    for name in balance.FRICTION[2:-1]:
+        assert np.mean(shapes[name] * shapes["sign"]) == pytest.approx(0.0, abs=1e-4)
+
+
 def test_friction_can_follow_the_spring_force_alone() -> None:
     """The shape ``ELASTIC`` beside that of the sign: |F - c v| takes the place of |F|."""
     phase = np.linspace(-np.pi, np.pi, 48, endpoint=False)

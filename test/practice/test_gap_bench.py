@@ -106,7 +106,7 @@ def test_a_campaign_is_made_again_from_its_label_and_no_other():
     assert label_text(made.label) == text
     prepared = as_prepared(made)
     assert [run.role for run in prepared.runs] == ["fit"] * 5 + ["held_out"] * 3
-    force = made.series[2].columns(tuple(f"F_{m}" for m in prepared.meshes.names))
+    force = made.series[2].columns(tuple(f"F_{m}" for m in prepared.nominal.layout.meshes))
     np.testing.assert_array_equal(prepared.runs[2].F.values, force)
     assert prepared.runs[0].F.sigma[0] == pytest.approx(
         0.01 * np.sqrt(np.mean(prepared.runs[0].F.values[:, 0] ** 2)), rel=1e-3

@@ -204,17 +204,25 @@ def friction_of_mesh(
 
 
 def friction_shapes(phase: Array) -> dict[str, Array]:
-    """Shapes of ``FRICTION`` but ``ELASTIC`` (n,) at mesh phases (n,) [rad]; pitch point at 0."""
+    """Shapes of ``FRICTION`` but ``ELASTIC`` (n,) at mesh phases (n,) [rad]; pitch point at 0.
+
+    Departures are orthogonal to the sign over a mesh cycle, so that its amplitude, the coefficient
+    of friction, is that of the whole curve.
+    """
     s = phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
+    sign = np.sign(s)
+    # Mean over a cycle of the product of hat functions and sign.
+    beside = (np.sign(KNOTS) * (KNOTS[1] - KNOTS[0]))[:, None] * sign
+    near = [*(_tents(s) - beside), *(_tents(s - sign * 0.5) + beside)]
     return {
-        "sign": np.sign(s),
+        "sign": sign,
         "lever": np.abs(s),
-        "sin 1": np.sin(phase),
+        "sin 1": np.sin(phase) - 2.0 / np.pi * sign,
         "sin 2": np.sin(2 * phase),
         "cos 1": np.cos(phase),
         "cos 2": np.cos(2 * phase),
-        **dict(zip(NEAR, [*_tents(s), *_tents(s - np.sign(s) * 0.5)], strict=True)),
+        **dict(zip(NEAR, near, strict=True)),
     }
 
 
