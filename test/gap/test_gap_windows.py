@@ -306,7 +306,8 @@ def test_a_law_that_drifts_within_a_run_is_predicted(
 
 @pytest.mark.parametrize(
     ("name", "step"),
-    [("friction sin 2 of 2", 1e-4), ("friction lever of 8", 1e-4), ("ripple 3 cos", 0.1)]
+    [(f"friction {shape} of 2", 1e-4) for shape in ("sign", "sin 1", "lever", "elastic")]
+    + [("friction lever of 8", 1e-4), ("ripple 3 cos", 0.1)]
     + [(f"M_{body}", 1e-4) for body in "spc"],
 )
 def test_columns_of_bodies_are_differences(

@@ -203,18 +203,24 @@ def friction_of_mesh(
     return np.asarray(np.abs(force) * shapes[shape])
 
 
-def friction_shapes(phase: Array) -> dict[str, Array]:
+def friction_shapes(phase: Array, reversal_rad: float = 0.0) -> dict[str, Array]:
     """Shapes of ``FRICTION`` but ``ELASTIC`` (n,) at mesh phases (n,) [rad]; pitch point at 0.
 
     Departures are orthogonal to the sign over a mesh cycle, so that its amplitude, the coefficient
     of friction, is that of the whole curve.
+
+    Args:
+        reversal_rad: half the phase over which sliding reverses, for integrators that would step
+            over a jump; 0: none.
     """
     s = phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
-    sign = np.sign(s)
+    side = np.sign(s)
+    from_reversal = 2.0 * np.pi * np.minimum(np.abs(s), 0.5 - np.abs(s))
+    sign = side * (np.minimum(from_reversal / reversal_rad, 1.0) if reversal_rad else 1.0)
     # Mean over a cycle of the product of hat functions and sign.
     beside = (np.sign(KNOTS) * (KNOTS[1] - KNOTS[0]))[:, None] * sign
-    near = [*(_tents(s) - beside), *(_tents(s - sign * 0.5) + beside)]
+    near = [*(_tents(s) - beside), *(_tents(s - side * 0.5) + beside)]
     return {
         "sign": sign,
         "lever": np.abs(s),

@@ -28,7 +28,7 @@ from herringbone_sim.gap.observations.window_sensors import (
     error_columns,
     exchangeable,
 )
-from herringbone_sim.gap.observations.windows import Windows
+from herringbone_sim.gap.observations.windows import STEP_RAD, Windows
 
 
 def function_names(
@@ -79,7 +79,7 @@ def body_forces(
     """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
-    shapes = balance.friction_shapes(m.phase)
+    shapes = balance.friction_shapes(m.phase, STEP_RAD * m.omega / model.scales.omega_n)
     turn = cycles_per_shaft_turn(model)["s"]
     rigid, on_the_carrier = rigid_rotation(model), np.eye(STATES // 2)[2]
     drive = np.zeros(STATES // 2)
