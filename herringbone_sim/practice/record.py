@@ -144,7 +144,7 @@ def with_steady_load(p: RigModel, phase: float, start: Array, lead: float) -> Ri
     cycle = 2.0 * np.pi / p.omega
     ends = lead - cycle * np.array([STEADY, STEADY / 2.0, 0.0])
     states = integrate(p, phase, start, np.concatenate([[0.0], ends]))[0][1:]
-    # A cycle apart in phase: differences of rotations are mean rates without any oscillation.
+    # Over whole mesh cycles, so that the swing under the control cancels.
     inertia = RIGID * p.mass[:N_BODY]
     rate = np.diff(states[:, :N_BODY] @ inertia / (RIGID @ inertia)) / (STEADY / 2.0 * cycle)
     slowing = np.diff(rate)[0] / (STEADY / 2.0 * cycle)

@@ -321,9 +321,11 @@ def test_columns_of_bodies_are_differences(
 
 
 def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolution]) -> None:
-    """A drive holds the speed: the load is smaller by what friction takes on average."""
+    """The load is smaller by what friction takes; that at the pitch point does no work at all."""
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
+    (pitch,) = body_forces(trajectory.model, m, law(m), ["friction sign of 1"])
+    assert pitch.direction @ [2, 2, *[1] * 7] == pytest.approx(0.0, abs=1e-12)
     pushes = list(body_forces(trajectory.model, m, law(m), ["friction lever of 1"]))
     work = [push.size.mean() * (push.direction @ [2, 2, *[1] * 7]) for push in pushes]
     assert work[0] < 0.0

@@ -35,8 +35,8 @@ RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input s
 # Knots [mesh cycles] about the nominal pitch point and about the change of teeth half a cycle from
 # it, where sliding reverses too, chosen: the actual ones may lie a tenth of a cycle off, and
 # friction rises or fades near them.
-KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
-NEAR = tuple(f"near {i}" for i in range(2 * len(KNOTS)))
+REVERSAL_KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
+NEAR = tuple(f"near {i}" for i in range(2 * len(REVERSAL_KNOTS)))
 ELASTIC = "elastic"  # part of friction by which it follows the spring force instead of all of F
 # Shapes of friction over the mesh cycle: direction of sliding, lever arm, free departures.
 FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR, ELASTIC)
@@ -219,7 +219,7 @@ def friction_shapes(phase: Array, reversal_rad: float = 0.0) -> dict[str, Array]
     from_reversal = 2.0 * np.pi * np.minimum(np.abs(s), 0.5 - np.abs(s))
     sign = side * (np.minimum(from_reversal / reversal_rad, 1.0) if reversal_rad else 1.0)
     # Mean over a cycle of the product of hat functions and sign.
-    beside = (np.sign(KNOTS) * (KNOTS[1] - KNOTS[0]))[:, None] * sign
+    beside = (np.sign(REVERSAL_KNOTS) * (REVERSAL_KNOTS[1] - REVERSAL_KNOTS[0]))[:, None] * sign
     near = [*(_tents(s) - beside), *(_tents(s - side * 0.5) + beside)]
     return {
         "sign": sign,
@@ -233,9 +233,9 @@ def friction_shapes(phase: Array, reversal_rad: float = 0.0) -> dict[str, Array]
 
 
 def _tents(s: Array) -> Array:
-    """Hat functions (knots, n) over ``KNOTS`` at s (n,) mesh cycles from a reversal."""
-    width = KNOTS[1] - KNOTS[0]
-    tents: Array = np.maximum(1.0 - np.abs(s - KNOTS[:, None]) / width, 0.0)
+    """Hat functions (knots, n) over ``REVERSAL_KNOTS`` at s (n,) mesh cycles from a reversal."""
+    width = REVERSAL_KNOTS[1] - REVERSAL_KNOTS[0]
+    tents: Array = np.maximum(1.0 - np.abs(s - REVERSAL_KNOTS[:, None]) / width, 0.0)
     return tents
 
 

@@ -68,8 +68,8 @@ def body_forces(
 ) -> Iterator[BodyForce]:
     """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
-    Friction comes as two: its torques, and what the load is less on average, as the rotation is
-    steady: a gear that loses power gives less torque at the carrier.
+    A gear that loses power turns steadily under a smaller load: friction that does work on the rigid
+    rotation, that by the lever arm, comes with a constant force on the carrier that makes up for it.
 
     Args:
         m, now: motion of the meshes, and the force law there.
@@ -81,7 +81,7 @@ def body_forces(
     arms: dict[str, Array] = {}
     shapes = balance.friction_shapes(m.phase, STEP_RAD * m.omega / model.scales.omega_n)
     turn = cycles_per_shaft_turn(model)["s"]
-    rigid, on_the_carrier = rigid_rotation(model), np.eye(STATES // 2)[2]
+    rigid, on_carrier_alone = rigid_rotation(model), np.eye(STATES // 2)[2]
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
     for name in names:
@@ -93,14 +93,14 @@ def body_forces(
             arm = arms["lever" if g == "lever" else "sign"]
             size = balance.friction_of_mesh(g, shapes, now.force[:, j], m.c[j] * m.v[:, j])
             yield BodyForce(name, arm[j], size)
-            yield BodyForce(
-                name, on_the_carrier, np.full(len(size), -(rigid @ arm[j]) * size.mean())
-            )
+            if g == "lever":
+                lost = (rigid @ arm[j]) * size.mean()
+                yield BodyForce(name, on_carrier_alone, np.full(len(size), -lost))
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in of_carrier:
-            yield BodyForce(name, on_the_carrier, of_carrier[name].values(m, now))
+            yield BodyForce(name, on_carrier_alone, of_carrier[name].values(m, now))
 
 
 def window_columns(
