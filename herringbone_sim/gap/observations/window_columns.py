@@ -68,8 +68,8 @@ def body_forces(
 ) -> Iterator[BodyForce]:
     """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
-    A gear that loses power turns steadily under a smaller load: friction that does work on the rigid
-    rotation, that by the lever arm, comes with a constant force on the carrier that makes up for it.
+    A gear that loses power turns steadily under a smaller load: friction by the lever arm, which
+    does work on the rigid rotation, comes with a constant force on the carrier in exchange.
 
     Args:
         m, now: motion of the meshes, and the force law there.
