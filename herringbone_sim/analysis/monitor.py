@@ -24,9 +24,8 @@ class Regime:
     """Motion over the last mesh cycles.
 
     Attributes:
-        label: ``P1``, ``P2``, ...; ``chaotic``; ``aperiodic`` if no period is found and the
-            exponent is not positive, or less than 400 cycles old; ``settling`` if there are too
-            few cycles.
+        label: ``P1``, ``P2``, ...; without a period ``chaotic`` by a positive exponent, else
+            ``aperiodic``; ``settling`` before 48 cycles, and without a period before 400.
         exponent: largest Lyapunov exponent per tau over the last 400 cycles; NaN at first.
         contact: (n_mesh, 3) fraction of the time in back contact, separated, in drive contact.
         cycles: mesh cycles since the last restart.
@@ -82,7 +81,9 @@ class RegimeMonitor:
         period = find_period(np.array(self._points), tolerance=TOLERANCE)
         if period.value:
             return period.label
-        return "chaotic" if exponent > 0.0 and self._cycles >= EXPONENT_WINDOW else "aperiodic"
+        if self._cycles < EXPONENT_WINDOW:
+            return "settling"
+        return "chaotic" if exponent > 0.0 else "aperiodic"
 
     def _shares(self) -> Array:
         """(n_mesh, 3) fraction of samples in each contact over the last 16 blocks."""
