@@ -149,7 +149,8 @@ def _friction(h: Hypothesis) -> Curve:
     """Curve of the coefficient of friction, with the sign of sliding, over the mesh phase."""
     s = np.linspace(-np.pi, np.pi, 96)
     shapes = balance.friction_shapes(s)
-    columns = [shapes.get(g, np.zeros(len(s))) for g in balance.FRICTION if g != "lever"]
+    departures = balance.FRICTION[len(balance.OF_COULOMB) :]
+    columns = [shapes.get(g, np.zeros(len(s))) for g in ("sign", *departures)]
     matrix = np.stack(columns, axis=1)
     return s, matrix, ("mesh phase from the pitch point", "rad", "coefficient of friction", "-")
 

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, force_column
+from herringbone_sim.gap.observations.body_motion import rigid_rotation
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
@@ -38,8 +40,10 @@ RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input s
 REVERSAL_KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
 NEAR = tuple(f"near {i}" for i in range(2 * len(REVERSAL_KNOTS)))
 ELASTIC = "elastic"  # part of friction by which it follows the spring force instead of all of F
-# Shapes of friction over the mesh cycle: direction of sliding, lever arm, free departures.
-FRICTION = ("sign", "lever", "sin 1", "sin 2", "cos 1", "cos 2", *NEAR, ELASTIC)
+LOAD = "load"  # what the load is smaller by, as the rotation is steady
+OF_COULOMB = ("sign", "lever", LOAD)
+# Shapes of friction over the mesh cycle: direction of sliding, lever arm, load, free departures.
+FRICTION = (*OF_COULOMB, "sin 1", "sin 2", "cos 1", "cos 2", *NEAR, ELASTIC)
 
 
 def function_names(
@@ -188,23 +192,42 @@ def with_quadrature(
 
 
 def friction_of_mesh(
-    shape: str, shapes: Mapping[str, Array], force: Array, damper_force: Array
+    shape: str, shapes: Mapping[str, Array], force: Array, spring_force: Array
 ) -> Array:
     """Friction (n,) [N] of one mesh by a shape of ``FRICTION``, at a coefficient of 1.
 
     Args:
         shapes: see ``friction_shapes``.
         force: (n,) normal force [N].
-        damper_force: (n,) part of it by the damper [N]; NaN where unknown, counted as 0.
+        spring_force: (n,) part of it by the spring [N]; where NaN, it counts as all of it.
     """
     if shape == ELASTIC:
-        elastic = np.abs(force - np.nan_to_num(damper_force))
+        elastic = np.abs(np.where(np.isnan(spring_force), force, spring_force))
         return np.asarray((elastic - np.abs(force)) * shapes["sign"])
+    if shape == LOAD:
+        return np.full(len(force), -np.mean(np.abs(force) * shapes["lever"]))
     return np.asarray(np.abs(force) * shapes[shape])
 
 
+def friction_directions(model: Model, mask: Array) -> dict[str, Array]:
+    """Forces (n_mesh, n_bodies) on the bodies by unit ``friction_of_mesh``, of ``OF_COULOMB``.
+
+    Departures act as the sign does. Friction by the lever arm does work on the rigid rotation of
+    the gear, that at the pitch point does none; a constant force on the carrier makes up for it.
+
+    Args:
+        mask: (n_mesh,) 1 on meshes with friction, else 0.
+    """
+    sign, lever = friction_arms(model, mask)
+    load = np.zeros_like(lever)
+    load[:, model.layout.bodies.index("c")] = lever @ rigid_rotation(model)
+    return {"sign": sign, "lever": lever, LOAD: load}
+
+
 def friction_shapes(phase: Array, reversal_rad: float = 0.0) -> dict[str, Array]:
-    """Shapes of ``FRICTION`` but ``ELASTIC`` (n,) at mesh phases (n,) [rad]; pitch point at 0.
+    """Shapes of ``FRICTION`` over the mesh phase (n,) [rad], pitch point at 0: all but two.
+
+    ``ELASTIC`` and ``LOAD`` depend on the force, see ``friction_of_mesh``.
 
     Departures are orthogonal to the sign over a mesh cycle, so that its amplitude, the coefficient
     of friction, is that of the whole curve.
@@ -215,12 +238,11 @@ def friction_shapes(phase: Array, reversal_rad: float = 0.0) -> dict[str, Array]
     """
     s = phase / (2.0 * np.pi)
     s = s - np.floor(s + 0.5)
-    side = np.sign(s)
     from_reversal = 2.0 * np.pi * np.minimum(np.abs(s), 0.5 - np.abs(s))
-    sign = side * (np.minimum(from_reversal / reversal_rad, 1.0) if reversal_rad else 1.0)
+    sign = np.sign(s) * (np.minimum(from_reversal / reversal_rad, 1.0) if reversal_rad else 1.0)
     # Mean over a cycle of the product of hat functions and sign.
     beside = (np.sign(REVERSAL_KNOTS) * (REVERSAL_KNOTS[1] - REVERSAL_KNOTS[0]))[:, None] * sign
-    near = [*(_tents(s) - beside), *(_tents(s - side * 0.5) + beside)]
+    near = [*(_tents(s) - beside), *(_tents(np.where(s < 0.0, s + 0.5, s - 0.5)) + beside)]
     return {
         "sign": sign,
         "lever": np.abs(s),
@@ -268,7 +290,7 @@ def _columns(
     made: dict[str, Callable[[], Array]] = {"constant": partial(np.ones, len(m.phase))}
 
     def friction(j: int, shape: str) -> Array:
-        return friction_of_mesh(shape, shapes, force[:, j], m.c[j] * m.v[:, j])
+        return friction_of_mesh(shape, shapes, force[:, j], law.k[:, j] * law.f[:, j])
 
     def ripple(trig: Callable[[Array], Array], q: int) -> Array:
         return trig(q * m.phase / turn)

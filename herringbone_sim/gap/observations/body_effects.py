@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.data.geometry import forces_to_coordinates
@@ -30,19 +29,19 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     layout = gear.model.layout
     to_rows = forces_to_coordinates(gear.model)
     for locus in effect.candidates(layout):
-        constant, lever = friction_arms(gear.model, locus.mask(layout))
-        of = {"sign": constant @ to_rows.T, "lever": lever @ to_rows.T}
+        directions = balance.friction_directions(gear.model, locus.mask(layout))
+        of = {g: direction @ to_rows.T for g, direction in directions.items()}
         weights: Weights = {
             (balance.NAME, f"friction {g} of {j}"): of[g][j]
             for j in range(layout.n_mesh)
-            for g in ("sign", "lever")
+            for g in balance.OF_COULOMB
             if np.any(of[g][j])
         }
         at = np.flatnonzero(locus.mask(layout))
         for o in builder.window_observation:
-            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in ("sign", "lever")}
+            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in balance.OF_COULOMB}
         terms = [builder.coefficient("mu", weights, 0.05)]
-        for g in balance.FRICTION[2:]:
+        for g in balance.FRICTION[len(balance.OF_COULOMB) :]:
             bend: Weights = {
                 (balance.NAME, f"friction {g} of {j}"): of["sign"][j]
                 for j in range(layout.n_mesh)

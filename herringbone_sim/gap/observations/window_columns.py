@@ -13,11 +13,10 @@ from numba import njit
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
-from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
-from herringbone_sim.gap.observations.body_motion import body_loads, rigid_rotation
+from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.consistency import ERROR_KINDS
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
@@ -68,9 +67,6 @@ def body_forces(
 ) -> Iterator[BodyForce]:
     """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
-    A gear that loses power turns steadily under a smaller load: friction by the lever arm, which
-    does work on the rigid rotation, comes with a constant force on the carrier in exchange.
-
     Args:
         m, now: motion of the meshes, and the force law there.
         names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
@@ -79,9 +75,8 @@ def body_forces(
     """
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
-    shapes = balance.friction_shapes(m.phase, STEP_RAD * m.omega / model.scales.omega_n)
+    shapes: dict[str, Array] = {}
     turn = cycles_per_shaft_turn(model)["s"]
-    rigid, on_carrier_alone = rigid_rotation(model), np.eye(STATES // 2)[2]
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
     for name in names:
@@ -89,18 +84,17 @@ def body_forces(
         if kind == "friction":
             j, g = int(words[-1]), " ".join(words[:-2])
             if not arms:
-                arms["sign"], arms["lever"] = friction_arms(model, np.ones(m.x.shape[1]))
-            arm = arms["lever" if g == "lever" else "sign"]
-            size = balance.friction_of_mesh(g, shapes, now.force[:, j], m.c[j] * m.v[:, j])
-            yield BodyForce(name, arm[j], size)
-            if g == "lever":
-                lost = (rigid @ arm[j]) * size.mean()
-                yield BodyForce(name, on_carrier_alone, np.full(len(size), -lost))
+                arms = balance.friction_directions(model, np.ones(m.x.shape[1]))
+                step_rad = STEP_RAD * m.omega / model.scales.omega_n
+                shapes = balance.friction_shapes(m.phase, step_rad)
+            spring = now.k[:, j] * now.f[:, j]
+            size = balance.friction_of_mesh(g, shapes, now.force[:, j], spring)
+            yield BodyForce(name, arms.get(g, arms["sign"])[j], size)
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in of_carrier:
-            yield BodyForce(name, on_carrier_alone, of_carrier[name].values(m, now))
+            yield BodyForce(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
 
 
 def window_columns(
