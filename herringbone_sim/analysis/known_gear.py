@@ -24,7 +24,6 @@ from herringbone_sim.core.model import (
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
-from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import DivergenceError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS
 from herringbone_sim.recording.reader import ParameterChange
@@ -74,13 +73,9 @@ def effect_texts(parameters: Mapping[str, Any], changes: Sequence[ParameterChang
     Args:
         parameters: at the start of the run, by name.
         changes: of parameters during the run.
-
-    Raises:
-        ParameterError: no such effect.
     """
-    later = [str(c.values[EFFECTS]) for c in changes if EFFECTS in c.values]
-    written = (effects_text(read_effects(text)) for text in (parameters.get(EFFECTS), *later))
-    return list(dict.fromkeys(written))
+    later = [c.values[EFFECTS] for c in changes if EFFECTS in c.values]
+    return list(dict.fromkeys(str(text or "") for text in (parameters.get(EFFECTS), *later)))
 
 
 def numbers_of(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, float]:
@@ -91,8 +86,7 @@ def numbers_of(change: ParameterChange, texts: Sequence[str]) -> Mapping[str, fl
         if isinstance(value, (int, float)) and not isinstance(value, bool)
     }
     if EFFECTS in change.values:
-        written = effects_text(read_effects(change.values[EFFECTS]))
-        numbers[EFFECTS] = float(texts.index(written))
+        numbers[EFFECTS] = float(texts.index(str(change.values[EFFECTS] or "")))
     return numbers
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,8 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.recording.parameter_file import values_of_gear
+from herringbone_sim.recording.parameter_file import EFFECTS, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure
 from herringbone_sim.views.figures.style import Scale
@@ -58,7 +57,7 @@ class Run(NotebookResult):
 
         Raises:
             AnalysisError: the run has no phase or no displacement, or is too short.
-            ParameterError: no gear can have the recorded parameters, or no such effect.
+            ParameterError: no gear can have the recorded parameters.
         """
         numbers = [(change.t_s, numbers_of(change, self._effects)) for change in self.changes]
         return analyze_series(self.samples, numbers, Options(), self._gear)
@@ -69,9 +68,9 @@ class Run(NotebookResult):
 
     @cached_property
     def _gear(self) -> Any:
+        gear = gear_of(self.parameters, with_model=False)
         # Sets of effects are numbered at the operating points only where they change.
-        sets = [read_effects(text) for text in self._effects] if len(self._effects) > 1 else [()]
-        return gear_of(self.parameters, with_model=False, sets=sets)
+        return replace(gear, base={**gear.base, EFFECTS: 0.0}) if self._effects[1:] else gear
 
     def to_pandas(self) -> Any:
         """All channels [SI] as columns of a ``pandas.DataFrame``, with the time [s] as its index.

@@ -136,8 +136,8 @@ def examine(
         if pairs:
             before_pairs = singles[0]
             singles = with_each_alone(search, pairs, singles)
+            first = simplest_equivalent(none, singles)
             if singles[0] is not before_pairs:
-                first = simplest_equivalent(none, singles)
                 flexible["single"] = _predictable_remainder(search, singles[0], remainder)
             flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.practice.random_physics import TARGETS
 from herringbone_sim.practice.rig_model import (
     N_BODY,
     N_COORDINATE,
@@ -27,6 +28,7 @@ TRANSIENT = 80
 STEADY = 20  # last mesh cycles of the transient, in which the slowing by losses is measured
 FINER = 4  # samples of the filter input per recorded sample, of ``SAMPLES_PER_CYCLE`` or more
 RIGID = np.array([2.0, 2.0, 1.0, *[1.0] * 6])  # rotations u of the bodies that move no mesh
+MOVED = np.array([*RIGID, 0.0, 0.0, *[1.0] * 4])  # of all coordinates: pins go with the carrier
 COS_BETA = float(np.cos(np.radians(16.0)))
 
 
@@ -107,7 +109,7 @@ def simulate_motion(
     sampling = sampling or Sampling()
     step = 2.0 * np.pi / sampling.per_cycle / p.omega
     lead = sampling.transient * sampling.per_cycle * step
-    if p.friction.any() or p.output[0] != 0.0:
+    if loses_power(p):
         p = with_steady_load(p, phase0 - p.omega * lead, start, lead)
     own = lead + step * np.arange(sampling.cycles * sampling.per_cycle)
     grids = [own, *(own - lag for lag in sampling.lags)]
@@ -133,6 +135,12 @@ def simulate_motion(
     return SimulatedRun(seen[0], tuple(seen[1:]), fine)
 
 
+def loses_power(p: RigModel) -> bool:
+    """Whether a force of the rig, other than its torques, can do work on the rigid rotation."""
+    on_body = p.random.target == TARGETS.index("torque") and p.random.size.any()
+    return bool(p.friction.any() or p.output[0] or p.windage or on_body)
+
+
 def with_steady_load(p: RigModel, phase: float, start: Array, lead: float) -> RigModel:
     """Return a rig that loses power with the load at which its mean speed is steady.
 
@@ -140,15 +148,20 @@ def with_steady_load(p: RigModel, phase: float, start: Array, lead: float) -> Ri
         p: rig model, its load without losses.
         phase, start: mesh phase [rad] and state (30,) at which the transient starts.
         lead: duration of the transient [s], ``STEADY`` mesh cycles or more.
+
+    Raises:
+        ValueError: a shorter transient.
     """
     cycle = 2.0 * np.pi / p.omega
+    if lead < STEADY * cycle:
+        raise ValueError(f"the transient must last {STEADY} mesh cycles, got {lead / cycle:g}")
     ends = lead - cycle * np.array([STEADY, STEADY / 2.0, 0.0])
     states = integrate(p, phase, start, np.concatenate([[0.0], ends]))[0][1:]
     # Over whole mesh cycles, so that the swing under the control cancels.
-    inertia = RIGID * p.mass[:N_BODY]
-    rate = np.diff(states[:, :N_BODY] @ inertia / (RIGID @ inertia)) / (STEADY / 2.0 * cycle)
-    slowing = np.diff(rate)[0] / (STEADY / 2.0 * cycle)
-    return p._replace(brake=p.brake + float(slowing * (RIGID @ inertia)))
+    momentum = np.diff(states[:, :N_COORDINATE] @ (MOVED * p.free * p.mass)) / (
+        STEADY / 2.0 * cycle
+    )
+    return p._replace(brake=p.brake + float(np.diff(momentum)[0] / (STEADY / 2.0 * cycle)))
 
 
 def _motion_at(

@@ -131,7 +131,7 @@ class RigModel(NamedTuple):
     ripple: Array  # (2, h) cosines and sines of multiples of that order, relative to T_1
     random: RandomFunction
     drive: float  # T_1 / (2 r_bs) [N] on each sun half
-    brake: float  # T_2 / r_bc [N]
+    brake: float  # T_2 / r_bc [N], smaller by what a rig loses
     control: float  # amplitude on the carrier [N]
     cos_beta: float
     omega: float  # mesh frequency [rad/s]

@@ -245,8 +245,8 @@ def test_hat_functions_about_reversals_have_no_spikes() -> None:
     """At the pitch point and at the change of teeth themselves as beside them."""
     beside = balance.friction_shapes(np.array([1e-9, np.pi - 1e-9]))
     on = balance.friction_shapes(np.array([0.0, -np.pi]))
-    for name in balance.NEAR:  # all but for their part of the sign, 0.06 or none
-        assert np.max(np.abs(on[name] - beside[name])) < 0.07
+    for name in balance.NEAR:  # but for their part of the sign, 0.06, that jumps
+        assert np.max(np.abs(on[name] - beside[name])) < 0.13
 
 
 def test_friction_can_follow_the_spring_force_alone() -> None:
