@@ -48,7 +48,7 @@ class _Pointer:
 
 
 class Kernel(NamedTuple):
-    """Laws of active effects for compiled code, n effects with padding.
+    """Function pointers of the laws of n active effects, for compiled code; n with padding.
 
     Effects that do nothing pad n to a multiple of four: the length of a tuple is part of its Numba
     type, so compiled code would be compiled again for every number of effects.
@@ -70,7 +70,7 @@ class Kernel(NamedTuple):
 
 
 class Laws(NamedTuple):
-    """Laws and constants of active effects, in the order in which compiled code takes them.
+    """Function pointers and constants of active effects, in the order of compiled functions.
 
     Attributes:
         kernel: the laws.

@@ -23,7 +23,7 @@ from herringbone_sim.recording.safe_json import parse_json
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK, SMALL_CHUNK = 256, 16  # values in a part, see ``default_chunk``
-LONGEST = 1_000_000  # values of an axis
+MOST_VALUES = 1_000_000  # values of an axis
 UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
 _Made = TypeVar("_Made", "Observation", "Sweep")
 
@@ -264,9 +264,9 @@ def axis_from_text(text: str) -> Axis:
     try:
         if ":" in values:
             low, high, count = values.split(":")
-            if int(count) > LONGEST:
+            if int(count) > MOST_VALUES:
                 raise ParameterError(
-                    f"an axis of {name} takes up to {LONGEST} values, got {shown(int(count))}: "
+                    f"an axis of {name} takes up to {MOST_VALUES} values, got {shown(int(count))}: "
                     "ask for fewer"
                 )
             spaced = np.linspace(float(low), float(high), int(count))

@@ -124,6 +124,13 @@ def test_the_segments_of_a_run_end_where_its_effects_change(tmp_path: Path) -> N
     assert soft.segment.stop == plain.segment.start == pytest.approx(40 * 16, abs=1)
 
 
+def test_a_run_with_an_effect_that_is_not_loaded_is_shown(tmp_path: Path) -> None:
+    path = write(tmp_path, "", "", 40)
+    run = replace(read_run(path), parameters={"model": "reduced", EFFECTS: "mine@sp:size=1.0"})
+    assert len(run.segments) == 1
+    assert "segments" in repr(run) or "samples" in repr(run)
+
+
 def test_the_exponent_of_the_model_is_that_of_the_gear_with_its_effects() -> None:
     """As of the parameter that says the same; the gear loses contact, so stiffness counts."""
     values = {"delta_T": 85.0, "k_factor": [0.9]}

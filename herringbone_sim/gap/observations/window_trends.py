@@ -1,4 +1,4 @@
-"""Trends: parts that channels may lack, constants, lines, parabolas and the rigid swing."""
+"""Trends: what readings hold or lack beside the model: constants, lines, parabolas, the swing."""
 
 from __future__ import annotations
 
