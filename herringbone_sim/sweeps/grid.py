@@ -266,8 +266,8 @@ def axis_from_text(text: str) -> Axis:
             low, high, count = values.split(":")
             if int(count) > MOST_VALUES:
                 raise ParameterError(
-                    f"an axis of {name} takes up to {MOST_VALUES} values, got {shown(int(count))}: "
-                    "ask for fewer"
+                    f"an axis of {name} takes up to {MOST_VALUES} values, "
+                    f"got {shown(int(count))}: ask for fewer"
                 )
             spaced = np.linspace(float(low), float(high), int(count))
             return Axis(name, tuple(float(value) for value in spaced))
