@@ -20,15 +20,18 @@ from herringbone_sim.diagnosis.fits import (
     MIN_FITTED,
     NONLINEAR_CHI2,
     FittedExplanation,
+    equivalent,
     fit_again,
     fit_best,
     rank,
     simplest_equivalent,
+    with_better_part,
     with_unscreened,
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
 from herringbone_sim.diagnosis.pairs import (
+    fit_beside_part,
     fit_jointly,
     fit_pairs,
     fit_rivals_of_first,
@@ -111,6 +114,8 @@ def examine(
             singles = with_unscreened(search, ranked, singles)
         again, *fitted = (fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
+        if singles and singles[0].score.in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count:
+            search, singles = with_better_part(search, singles)
         if again is not none:
             none, remainder = again, _predictable_remainder(search, again)
     say("what is left")
@@ -178,6 +183,12 @@ def examine(
                 added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *added_pairs))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
+        parts = [f for f in equivalent(none, singles) if not _is_ranked(f)]
+        linear_pairs = [f for f in pairs if _is_ranked(f)]
+        if machine.estimates_states and parts and linear_pairs:
+            beside_part = fit_beside_part(search, parts[0], linear_pairs[0], singles)
+            pairs = without_duplicates((*pairs, beside_part))
+            flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
     screened: dict[str, float] = {}
     for value, hypothesis, _ in ranked:
         screened.setdefault(hypothesis.effect, value)
@@ -290,6 +301,11 @@ def _with_noise(
 def _predicted_chi2(remainder: Mapping[str, Predictable]) -> float:
     """Predictable chi2, summed over the observations."""
     return sum(p.predicted for p in remainder.values())
+
+
+def _is_ranked(explanation: FittedExplanation) -> bool:
+    """Whether the linear screen ranks all hypotheses of an explanation: no moving part."""
+    return all(h.measured_gain is None for h in explanation.hypotheses)
 
 
 def _first_was_misfitted(

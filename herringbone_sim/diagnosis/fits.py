@@ -18,6 +18,7 @@ MAX_FITTED = 6  # single effects fitted exactly
 MAX_FITTED_PER_EFFECT = 2  # single effects fitted exactly with the same id
 # The same where even the best linear fit leaves too much, so that its order is a poor guide.
 MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR = 10, 4
+MAX_PART_SEARCHES = 3  # searches for better parameters of a moving part
 MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
 EQUIVALENT_SHARE = 0.01  # fraction of the gap by which explanations may differ and count as equal
@@ -56,9 +57,16 @@ def simplest_equivalent(
     none: FittedExplanation, singles: Sequence[FittedExplanation]
 ) -> FittedExplanation:
     """Of the single effects about as good as the best, return that with fewest coefficients."""
-    best = singles[0].loss
-    near = [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
+    near = equivalent(none, singles)
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
+
+
+def equivalent(
+    none: FittedExplanation, singles: Sequence[FittedExplanation]
+) -> list[FittedExplanation]:
+    """Return the single effects that explain the gap about as well as the best, best first."""
+    best = singles[0].loss
+    return [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
 
 
 def rank(
@@ -180,6 +188,36 @@ def with_unscreened(
             fits = [f for f in fits if f is not before]
             fits.append(min(before, again, key=lambda f: f.loss))
     return tuple(sorted(fits, key=lambda f: f.loss))
+
+
+def with_better_part(
+    search: Search, singles: Sequence[FittedExplanation]
+) -> tuple[Search, tuple[FittedExplanation, ...]]:
+    """Search better parameters of the best single effect if it is a moving part; fit it again.
+
+    Repeated as long as the loss falls: each search is linear in the states of the fit before it.
+
+    Returns:
+        Search with the functions of the better part, and the single effects, best first.
+    """
+    best, others = singles[0], singles[1:]
+    for _ in range(MAX_PART_SEARCHES):
+        (hypothesis,), score = best.hypotheses, best.score
+        at = amplitudes(score.coefficients, score.mean, search.runs, search.rows)
+        machine, better = search.machine.improved(hypothesis, at, score)
+        if not better:
+            break
+        extended = search.with_machine(machine)
+        fits = []
+        for other in better:
+            centers = [c.center for c in other.coefficients]
+            start = np.concatenate([other.base_mean, centers])
+            fits.append(fit_effect(extended, other, start))
+        fit = min(fits, key=lambda f: f.loss)
+        if best.loss - fit.loss < CHANCE_CHI2:
+            break
+        search, best = extended, fit
+    return search, tuple(sorted((best, *others), key=lambda f: f.loss))
 
 
 def fit_again(search: Search, explanation: FittedExplanation) -> FittedExplanation:

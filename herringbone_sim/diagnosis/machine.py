@@ -50,6 +50,20 @@ class Machine(Protocol):
             and the new hypotheses.
         """
 
+    def improved(
+        self, hypothesis: Hypothesis, amplitudes: Amplitudes, known: Score
+    ) -> tuple[Machine, list[Hypothesis]]:
+        """Search better parameters of a moving part about its fit.
+
+        Args:
+            hypothesis: that of the fit.
+            amplitudes, known: of the fit.
+
+        Returns:
+            Machine extended by the functions of parts with other parameters, and their
+            hypotheses; none where nothing can be searched.
+        """
+
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:

@@ -222,3 +222,30 @@ def fit_rivals_of_first(
         FittedExplanation((second_hypothesis, *f.hypotheses), f.score, search_with_second)
         for f in fits
     )
+
+
+def fit_beside_part(
+    search: Search,
+    part: FittedExplanation,
+    pair: FittedExplanation,
+    singles: Sequence[FittedExplanation],
+) -> FittedExplanation:
+    """Fit a moving part with one effect of a pair: that which alone removes less.
+
+    The part may cause what the other effect of the pair explains: no linear score ranks a moving
+    part with a second effect.
+
+    Args:
+        part: fit of the moving part alone.
+        singles: fits of single effects, with both of the pair.
+    """
+    alone = {_key(f.hypotheses[0]): f.loss for f in singles}
+    own = len(search.base)
+    starts = []
+    for hypothesis in pair.hypotheses:
+        starts.append((hypothesis, pair.score.mean[own : own + len(hypothesis.coefficients)]))
+        own += len(hypothesis.coefficients)
+    second, amplitudes = max(starts, key=lambda start: alone.get(_key(start[0]), np.inf))
+    search = search.onwards(search.machine, part.score)
+    fit = fit_effect(search, second, np.concatenate([search.null.mean, amplitudes]))
+    return FittedExplanation((*part.hypotheses, second), fit.score, search)

@@ -258,10 +258,7 @@ class Search:
         Args:
             base_fit: score that becomes ``null`` and its coefficients the base; None: both stay.
         """
-        search = copy.copy(self)
-        search.machine = machine
-        before, after = self.machine.functions, machine.functions
-        search._linear = {o: p for o, p in self._linear.items() if before[o] == after[o]}
+        search = self.with_machine(machine)
         if base_fit is not None:
             known = tuple(
                 c if i < len(self.base) else replace(c, sd=c.sd * base_fit.prior_scale)
@@ -269,6 +266,14 @@ class Search:
             )
             search.base, search.null = known, replace(base_fit, coefficients=known)
         search.campaign = search.about((), search.null.mean, wanted=None)
+        return search
+
+    def with_machine(self, machine: Machine) -> Search:
+        """Copy for a machine extended by functions that no linear score needs."""
+        search = copy.copy(self)
+        search.machine = machine
+        before, after = self.machine.functions, machine.functions
+        search._linear = {o: p for o, p in self._linear.items() if before[o] == after[o]}
         return search
 
     def screened(self, coefficients: Sequence[Coefficient], size: float) -> Score:

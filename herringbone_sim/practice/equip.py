@@ -223,7 +223,8 @@ def bearing_clearance(p: RigModel, c: Cause, _: Point) -> RigModel:
     damper = 2.0 * ratio * np.sqrt(stiffness * mass[pin])
     width = float(curve.get("softness", 0.0)) * c.size
     growth = float(curve.get("growth", 0.0)) / (RING_LOAD / stiffness) ** 2
-    support = np.array([c.size, stiffness, damper, width, growth])
+    film = float(curve.get("film", 1.0))
+    support = np.array([c.size, stiffness, damper, width, growth, film])
     return p._replace(free=free, mass=mass, support=support)
 
 

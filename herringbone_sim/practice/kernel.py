@@ -176,7 +176,9 @@ def rate(
         if p.free[11 + i] > 0.0:
             give = flank(y[11 + i] - y[2], p.support[0], p.support[0], p.support[3])
             hold = p.support[1] * give * (1.0 + p.support[4] * give * give)
-            hold += p.support[2] * (y[n + 11 + i] - y[n + 2])
+            loaded = abs(y[11 + i] - y[2]) > p.support[0]
+            damper = p.support[2] * (1.0 if loaded else p.support[5])
+            hold += damper * (y[n + 11 + i] - y[n + 2])
             dy[n + 11 + i] -= hold
             carrier += hold
     if p.free[14] > 0.0:

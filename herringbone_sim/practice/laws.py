@@ -199,13 +199,15 @@ def _bearing(rng: Generator) -> Curve:
 
     ``softness``: width over which the pin meets the seat, over the clearance, 0 = sharp;
     ``stiffness`` [N/m] of the seat; ``ratio``: its damping ratio; ``growth``: relative growth of
-    the stiffness at the deflection under 100 kN.
+    the stiffness at the deflection under 100 kN; ``film``: damping inside the clearance over that
+    on the seat.
     """
     return {
         "softness": float(rng.choice([0.0, rng.uniform(0.1, 0.8)])),
         "stiffness": float(10.0 ** rng.uniform(11.0, 11.7)),
         "ratio": float(rng.uniform(0.03, 0.25)),
         "growth": float(rng.uniform(0.0, 1.0)),
+        "film": float(rng.uniform(0.0, 1.0)),
     }
 
 

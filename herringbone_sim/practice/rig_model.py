@@ -115,7 +115,9 @@ class RigModel(NamedTuple):
     pitch: float  # mesh phase [rad] at which the sliding changes its sign
     rub: Array  # (2, N_TABLE) factor on it over a mesh cycle; (2, 0): the sign of sliding
     ring: Array  # (4,) spring [N/m], damper [N s/m], their growth [1/m^2], [s/m] of the ring
-    support: Array  # (5,) of a pin: clearance, spring, damper, width of contact, growth [1/m^2]
+    # (6,) of a pin: clearance, spring, damper, width of contact, growth [1/m^2], and the share of
+    # the damper inside the clearance
+    support: Array
     plate: Array  # (2,) spring [N/m], damper [N s/m] of the carrier's right plate
     output: Array  # (2,) friction force [N] and reference speed [m/s] of the output
     shock: Array  # (3,) force [N], cycles between, width [cycles] of a shock on the carrier
@@ -203,7 +205,7 @@ def rig_model(c: Constants, point: Mapping[str, float], span: float = 1.0) -> Ri
         pitch=0.0,
         rub=np.zeros((2, 0)),
         ring=np.zeros(4),
-        support=np.zeros(5),
+        support=np.zeros(6),
         plate=np.zeros(2),
         output=np.array([0.0, 1.0]),
         shock=np.array([0.0, 10.0, 1.0]),

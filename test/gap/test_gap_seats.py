@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, no_effect, prepared, rig, sampled, with_few_runs
 from scipy.integrate import solve_ivp
+from scipy.special import expit
 
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
@@ -34,8 +35,9 @@ OMEGA = 6000.0  # [rad/s] of the motion that drives
     [
         SeatSpring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
         SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
+        SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6, film=0.2),
     ],
-    ids=["ring", "pin"],
+    ids=["ring", "pin", "pin in thin oil"],
 )
 def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     """DOP853 on the same equation, meshes that lose contact: equal to a part in a hundred."""
@@ -69,7 +71,11 @@ def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
         else:
             g = max(q - spring.play, 0.0) - max(-q - spring.play, 0.0)
         hold = spring.stiffness * g * (1.0 + spring.growth * g * g)
-        return hold + spring.damping * rate * (1.0 + spring.drag * abs(rate))
+        damping = spring.damping * (1.0 + spring.drag * abs(rate))
+        if spring.film != 1.0:
+            held = np.sum(expit((np.array([q, -q]) - spring.play) / spring.width))
+            damping *= spring.film + (1.0 - spring.film) * held
+        return hold + damping * rate
 
     def slope(time: float, y: np.ndarray) -> list[float]:
         q, rate = y
@@ -150,7 +156,7 @@ def test_two_parts_at_one_place_are_driven_each_by_its_own_meshes() -> None:
     trial = PartTrial(gear, {}, no_effect(GearMachine(gear)))
     place = Locus("all", "2", "all")
     ring = Seat("ring_flexibility", place, (1e10, 0.05, 0.3, 0.3))
-    pin = Seat("bearing_clearance", place, (1e-5, 1e11, 0.1, 0.05, 0.3))
+    pin = Seat("bearing_clearance", place, (1e-5, 1e11, 0.1, 0.05, 0.3, 1.0))
     (run,) = trial._runs
     of_ring, of_pin = (trial._drive(run, seat) for seat in (ring, pin))
     assert (of_ring.meshes_mask.sum(), of_pin.meshes_mask.sum()) == (2.0, 4.0)

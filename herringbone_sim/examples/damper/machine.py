@@ -86,6 +86,12 @@ class Damper:
         """No proposals: the catalogue is complete."""
         return self, []
 
+    def improved(
+        self, hypothesis: Hypothesis, amplitudes: Amplitudes, known: Score
+    ) -> tuple[Damper, list[Hypothesis]]:
+        """No search: no effect is a moving part."""
+        return self, []
+
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:

@@ -339,6 +339,11 @@ class Gear(RecordedGear):
         }
         return (lambda m: self.change_of(m, of_law, wanted)), of_bodies, self.body_functions
 
+    @property
+    def parts(self) -> Mapping[str, Seat]:
+        """Moving parts, by the label that prefixes their functions."""
+        return self._changes.parts
+
     def with_functions(
         self,
         extra: Sequence[Function],

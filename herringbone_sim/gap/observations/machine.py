@@ -75,6 +75,16 @@ class GearMachine:
         proposed += seat_grid.proposals(self.gear, amplitudes, known)
         return self.with_parts(proposed, amplitudes)
 
+    def improved(
+        self, hypothesis: Hypothesis, amplitudes: Amplitudes, known: Score
+    ) -> tuple[GearMachine, list[Hypothesis]]:
+        """Search better parameters of a moving part in windows, about states fitted with it."""
+        seat = hypothesis.source
+        if not self.gear.uses_windows or not isinstance(seat, Seat):
+            return self, []
+        trial = window_parts.WindowPartTrial(self.gear, amplitudes, known, seat)
+        return self.with_parts(trial.improved(), amplitudes)
+
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
     ) -> list[tuple[float, Hypothesis, Array]]:

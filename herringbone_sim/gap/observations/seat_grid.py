@@ -33,8 +33,8 @@ CLEARANCES_M = np.geomspace(5e-7, 5e-5, 7)
 RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalogue
 # Values of ``softness`` (see ``Seat``), chosen; a soft seat is nearly linear.
 HARD_END, SOFT_END = 0.05, 0.5
-START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen
-MAX_TRIALS = 40  # evaluations of the local search, chosen for run time
+START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen; ``film`` is 1
+MAX_TRIALS = 80  # evaluations of the local search, chosen for run time
 
 Grid = list[tuple[float, ...]]  # values of ``Seat.theta``
 GRIDS: tuple[tuple[str, Grid], ...] = (
@@ -45,14 +45,14 @@ GRIDS: tuple[tuple[str, Grid], ...] = (
     (
         "bearing_clearance",
         [
-            (b, k, SEAT_RATIO, HARD_END, START_GROWTH)
+            (b, k, SEAT_RATIO, HARD_END, START_GROWTH, 1.0)
             for b in CLEARANCES_M.tolist()
             for k in SEATS_N_PER_M.tolist()
         ],
     ),
     (
         "bearing_clearance",
-        [(1e-5, k, SEAT_RATIO, SOFT_END, START_GROWTH) for k in SEATS_N_PER_M.tolist()],
+        [(1e-5, k, SEAT_RATIO, SOFT_END, START_GROWTH, 1.0) for k in SEATS_N_PER_M.tolist()],
     ),
 )
 
@@ -123,22 +123,24 @@ class TrialRun:
     blocks: Mapping[str, Block]
 
 
-EVERY = 2  # trials use every second run; chosen for run time
-
-
 class PartTrial:
-    """Evaluation of the chi2 that a moving part removes from every second run of a gear.
+    """Evaluation of the chi2 that a moving part removes from some runs of a gear.
 
     The coefficients of the current fit are refitted linearly with each part.
 
     Args:
         amplitudes: of the functions in the current fit.
         known: the current fit.
+
+    Attributes:
+        every: 2 if every second run is used, for run time.
     """
+
+    every = 2
 
     def __init__(self, gear: Gear, amplitudes: Amplitudes, known: Score) -> None:
         self.gear, self._amplitudes = gear, amplitudes
-        looked = range(0, len(gear.runs), EVERY)
+        looked = range(0, len(gear.runs), self.every)
         self._known = known.coefficients
         blocks = gear.blocks(amplitudes, functions_used(self._known), self._observations())
         run_products = [{o: products(b) for o, b in run_blocks.items()} for run_blocks in blocks]

@@ -58,6 +58,7 @@ class SeatSpring(NamedTuple):
         width: rounding of the ends of the play [m].
         growth: relative increase of the stiffness with the squared deflection [1/m^2].
         drag: relative increase of the damping with the rate [s/m].
+        film: damping inside the play over that at its ends.
         farthest, fastest: deflection [m] and rate [m/s] for which the time step is chosen.
     """
 
@@ -69,6 +70,7 @@ class SeatSpring(NamedTuple):
     width: float = 0.0
     growth: float = 0.0
     drag: float = 0.0
+    film: float = 1.0
     farthest: float = 0.0
     fastest: float = 0.0
 
@@ -108,15 +110,17 @@ def _rounding(z):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
     """Force [N] that resists displacement q [m] and rate [m/s]; p: fields of ``SeatSpring``."""
-    stiffness, damping, play, width, growth, drag = p[2], p[3], p[4], p[5], p[6], p[7]
+    stiffness, damping, play, width, growth, drag, film = p[2], p[3], p[4], p[5], p[6], p[7], p[8]
     if width * MAX_EXPONENT > max(play, abs(q)):
         # width [ln(1 + e^a) - ln(1 + e^b)], a and b = (+-q - play) / width
         e, out = math.exp(q / width), math.exp(-play / width)
         g = width * math.log((1.0 + out * e) / (1.0 + out / e))
+        held = out * e / (1.0 + out * e) + out / e / (1.0 + out / e)
     else:
         g = max(q - play, 0.0) - max(-q - play, 0.0)
+        held = 1.0 if g != 0.0 else 0.0
     spring = stiffness * g * (1.0 + growth * g * g)
-    return spring + damping * rate * (1.0 + drag * abs(rate))
+    return spring + damping * rate * (1.0 + drag * abs(rate)) * (film + (1.0 - film) * held)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -39,7 +39,7 @@ PRESENCE_SD = 1e-9  # prior standard deviation of the amplitude about 1: practic
 DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
 SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
-    "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth"),
+    "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth", "film"),
 }
 
 
@@ -52,7 +52,8 @@ class Seat:
         theta: values of ``names``: stiffness [N/m], damping ratio, clearance [m]; softness, the
             rounding of the ends of the clearance over the clearance; growth, the relative increase
             of the stiffness at the deflection ``load`` / stiffness; drag, that of the damping at
-            omega_n times this deflection.
+            omega_n times this deflection; film, the damping inside the clearance over that at its
+            ends.
         load: largest force on the part if it were rigid [N]; a guess before evaluation.
         measured_gain: chi2 that the part removes; 0 before evaluation.
         base_mean: values of all other coefficients at ``measured_gain``.
@@ -242,6 +243,7 @@ class PartDrive:
             theta.get("softness", 0.0) * clearance,
             theta["growth"] / deflection**2,
             theta.get("drag", 0.0) / (deflection * s.omega_n),
+            theta.get("film", 1.0),
             deflection,
             2.0 * deflection * s.omega_n,
         )

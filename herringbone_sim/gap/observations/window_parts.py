@@ -10,7 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import qmc
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
@@ -27,8 +29,55 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     return best_seats(WindowPartTrial(gear, amplitudes, known))
 
 
+# Search for better parameters of a part; chosen for run time.
+N_SEARCHED, N_REFINED = 128, 4  # points tried, and those improved by a local search
+SEARCH_RANGE = 10.0  # largest factor on a parameter
+ALIKE = 1.15  # factor on clearance or stiffness within which parts are taken as one
+
+
 class WindowPartTrial(PartTrial):
-    """Evaluation of the chi2 that a part removes, linear about states fitted without it."""
+    """Evaluation of the chi2 that a part removes, linear about the states of a fit.
+
+    Args:
+        gear: with its runs.
+        amplitudes: of the functions in the fit.
+        known: the fit.
+        present: moving part of the fit that others replace, its coefficients the last ones of
+            ``known``; None: the fit has none.
+    """
+
+    def __init__(
+        self, gear: Gear, amplitudes: Amplitudes, known: Score, present: Seat | None = None
+    ) -> None:
+        self._present = present
+        self._label = next((x for x, part in gear.parts.items() if part is present), "")
+        if present is not None:
+            own = len(known.coefficients) - 1 - len(present.names)
+            offsets = known.mean[own + 1 :]
+            self._present = present.with_log_offsets(offsets)
+            known = replace(known, coefficients=known.coefficients[:own], mean=known.mean[:own])
+            self.every = 1
+        super().__init__(gear, amplitudes, known)
+
+    def improved(self) -> list[Seat]:
+        """Parts with other parameters that remove most chi2: optima of a search about the fit.
+
+        The search starts from the part in the fit and from the best of ``N_SEARCHED`` points
+        within ``SEARCH_RANGE`` of it. Optima are left out where another's parameters are within
+        ``ALIKE``.
+        """
+        assert self._present is not None
+        points = qmc.Sobol(len(self._present.names), seed=0).random(N_SEARCHED)
+        offsets = np.log(SEARCH_RANGE) * (2.0 * points - 1.0)
+        seats = [self._present.with_log_offsets(offset) for offset in offsets]
+        gains = np.array([self.gain(seat) for seat in seats])
+        starts = [self._present, *(seats[i] for i in np.argsort(-gains)[:N_REFINED])]
+        optima: list[Seat] = []
+        for seat in sorted(map(self.refined, starts), key=lambda s: -s.measured_gain):
+            ratios = [np.divide(seat.theta[:2], other.theta[:2]) for other in optima]
+            if all(np.max(np.abs(np.log(ratio))) > np.log(ALIKE) for ratio in ratios):
+                optima.append(seat)
+        return optima
 
     def _observations(self) -> list[str]:
         return [trajectory.NAME]
@@ -36,6 +85,9 @@ class WindowPartTrial(PartTrial):
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
         _, _, m = self.gear.trajectory_under(r, self._amplitudes).last_linearisation
         of_law = {f: a[r] for f, a in self._amplitudes.get(force_law.NAME, {}).items()}
+        if self._label:
+            head = f"{self._label} "
+            of_law = {f: a for f, a in of_law.items() if not f"{f} ".startswith(head)}
         change = self.gear.change_of(m, of_law)
         return TrialRun(r, m, change, m, change, np.arange(len(m.times)), blocks)
 
@@ -46,18 +98,25 @@ class WindowPartTrial(PartTrial):
         s, solution = run_trajectory.windows, run_trajectory.last_linearisation[0]
         drive = self._drive(run, seat)
         at = np.flatnonzero(drive.meshes_mask.any(axis=0))
-        (q,) = drive.motions([seat])
+        seats = [seat] if self._present is None else [seat, self._present]
+        q, *before_it = drive.motions(seats)
+        present = before_it[0] if before_it else np.zeros_like(q)
         reach = -model.scales.cos_beta * drive.meshes_mask
-        change = replace(
-            run.change,
-            d=run.change.d + q[:, :, 0] @ reach,
-            d_rate=run.change.d_rate + q[:, :, 1] @ reach,
-        )
-        forces = (law(run.strided, change).force - law(run.strided, run.change).force)[:, at]
+
+        def force(q: Array) -> Array:
+            """Mesh forces with the part displaced by q."""
+            change = replace(
+                run.change,
+                d=run.change.d + q[:, :, 0] @ reach,
+                d_rate=run.change.d_rate + q[:, :, 1] @ reach,
+            )
+            return law(run.strided, change).force
+
+        forces = (force(q) - force(present))[:, at]
         directions, on_meshes = -s.inverse_masses * s.G[at], np.eye(len(s.G))[at]
         if seat.effect == "bearing_clearance":
             _, mass = pin_meshes(model, seat.locus)
-            push = -mass * np.gradient(q[:, 0, 1], run.strided.times)
+            push = -mass * np.gradient((q - present)[:, 0, 1], run.strided.times)
             forces = np.column_stack([forces, push])
             directions = np.vstack(
                 [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
