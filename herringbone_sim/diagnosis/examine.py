@@ -26,10 +26,12 @@ from herringbone_sim.diagnosis.fits import (
     rank,
     simplest_equivalent,
     with_better_part,
+    with_fits_anew,
     with_unscreened,
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
+from herringbone_sim.diagnosis.orders import with_best_orders
 from herringbone_sim.diagnosis.pairs import (
     fit_beside_part,
     fit_jointly,
@@ -97,9 +99,11 @@ def examine(
     machine, search, none, remainder = _calibrated_by_enough(machine, noise_known)
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
+    search = with_best_orders(search, catalogue)
     search, ranked = rank(search, catalogue, None)
     counts = search.campaign.counts
     count = sum(counts.values())
+    most = (1.0 + MIN_GAIN_PER_VALUE) * count  # an explanation that leaves more lacks something
     say("fits")
     lowest = min((loss for loss, *_ in ranked), default=none.loss)
     gain = none.loss - lowest
@@ -114,8 +118,9 @@ def examine(
             singles = with_unscreened(search, ranked, singles)
         again, *fitted = (fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
-        if singles and singles[0].score.in_sample > (1.0 + MIN_GAIN_PER_VALUE) * count:
+        if singles and singles[0].score.in_sample > most:
             search, singles = with_better_part(search, singles)
+            singles = with_fits_anew(search, singles, most)
         if again is not none:
             none, remainder = again, _predictable_remainder(search, again)
     say("what is left")
@@ -150,7 +155,6 @@ def examine(
         lacks_one = in_sample > NONLINEAR_CHI2 * count or (
             _predicted_chi2(flexible["single"]) > worth and not idle
         )
-        most = (1.0 + MIN_GAIN_PER_VALUE) * count
         more_than_noise = in_sample > most and not idle
         explained = bool(pairs) and pairs[0].score.in_sample <= most
         if (lacks_one or more_than_noise) and not explained:

@@ -18,6 +18,8 @@ MAX_FITTED = 6  # single effects fitted exactly
 MAX_FITTED_PER_EFFECT = 2  # single effects fitted exactly with the same id
 # The same where even the best linear fit leaves too much, so that its order is a poor guide.
 MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR = 10, 4
+MAX_EFFECTS_ANEW = 2  # effects that are fitted from trials with new states
+MAX_ANEW = 2  # fits of an effect from trials with new states
 MAX_PART_SEARCHES = 3  # searches for better parameters of a moving part
 MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
@@ -218,6 +220,37 @@ def with_better_part(
             break
         search, best = extended, fit
     return search, tuple(sorted((best, *others), key=lambda f: f.loss))
+
+
+def with_fits_anew(
+    search: Search, singles: Sequence[FittedExplanation], most: float
+) -> tuple[FittedExplanation, ...]:
+    """Fit the best ``MAX_EFFECTS_ANEW`` effects anew, until one leaves at most ``most`` chi2."""
+    fits = list(singles)
+    effects: set[str] = set()
+    for f in singles:
+        effect = f.hypotheses[0].effect
+        if effect in effects or f.hypotheses[0].source is not None:
+            continue
+        effects.add(effect)
+        fits[fits.index(f)] = again = fit_anew(search, f)
+        if again.score.in_sample <= most or len(effects) == MAX_EFFECTS_ANEW:
+            break
+    return tuple(sorted(fits, key=lambda f: f.loss))
+
+
+def fit_anew(search: Search, explanation: FittedExplanation) -> FittedExplanation:
+    """Fit a single effect again from the best of trials with new states, while that gains."""
+    (hypothesis,) = explanation.hypotheses
+    for _ in range(MAX_ANEW):
+        start = search.machine.tried_anew(hypothesis, explanation.score)
+        if start is None:
+            break
+        again = fit_effect(search, hypothesis, start)
+        if explanation.loss - again.loss < CHANCE_CHI2:
+            break
+        explanation = again
+    return explanation
 
 
 def fit_again(search: Search, explanation: FittedExplanation) -> FittedExplanation:

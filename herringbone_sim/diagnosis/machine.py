@@ -9,6 +9,9 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.flexible import RegressionInputs
@@ -63,6 +66,23 @@ class Machine(Protocol):
             Machine extended by the functions of parts with other parameters, and their
             hypotheses; none where nothing can be searched.
         """
+
+    def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
+        """Start values (p,) at which an effect may fit better than it does, with other states.
+
+        None where states are not estimated, or none was found.
+        """
+
+    def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
+        """Orders of hidden parts that are alike, see ``diagnosis.orders``.
+
+        Returns:
+            For each order the functions that replace those named, the present order first; and
+            (runs,) whether a run may be reordered.
+        """
+
+    def reordered(self, choice: Sequence[int]) -> Machine:
+        """The machine with the parts of each run in one of ``orders``."""
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score

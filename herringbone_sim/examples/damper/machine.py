@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from herringbone_sim.arrays import Array, Indices
@@ -91,6 +92,18 @@ class Damper:
     ) -> tuple[Damper, list[Hypothesis]]:
         """No search: no effect is a moving part."""
         return self, []
+
+    def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
+        """None: no states are estimated."""
+        return None
+
+    def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
+        """One order: no part is hidden."""
+        return [{}], np.zeros(self.runs, dtype=bool)
+
+    def reordered(self, choice: Sequence[int]) -> Damper:
+        """The damper itself."""
+        return self
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score

@@ -302,6 +302,15 @@ class Gear(RecordedGear):
         run_trajectory = self.trajectory_under(r, amplitudes)
         return run_trajectory.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
 
+    def states_anew(
+        self, r: int, amplitudes: Amplitudes, remember: bool = False
+    ) -> WindowSolution | None:
+        """States of run r from a new filter pass, see ``Trajectory.states_anew``."""
+        key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
+        run_trajectory = self.trajectory_under(r, amplitudes)
+        change = self._windows_change(r, amplitudes)
+        return run_trajectory.states_anew(tuple(key), *change, remember)
+
     def cost_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
     ) -> float:

@@ -6,12 +6,14 @@ import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
     balance,
@@ -19,6 +21,7 @@ from herringbone_sim.gap.observations import (
     curves,
     events,
     force_law,
+    planet_orders,
     seat_grid,
     trajectory,
     window_events,
@@ -84,6 +87,40 @@ class GearMachine:
             return self, []
         trial = window_parts.WindowPartTrial(self.gear, amplitudes, known, seat)
         return self.with_parts(trial.improved(), amplitudes)
+
+    def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
+        """Orders of the planets of both sides, in windows; see ``planet_orders``."""
+        functions = self.functions[trajectory.NAME]
+        every = planet_orders.orders(self.gear.model.layout)
+        names: list[Mapping[str, str]] = [
+            planet_orders.renaming(self.gear.model.layout, o, functions) for o in every
+        ]
+        return names, planet_orders.reorderable(self.gear)
+
+    def reordered(self, choice: Sequence[int]) -> GearMachine:
+        """This machine, the states of each run in one of ``orders``."""
+        every = planet_orders.orders(self.gear.model.layout)
+        for r, number in enumerate(choice):
+            if number:
+                self.gear.trajectory_of(r).reorder(every[number])
+        return self
+
+    def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
+        """Other start values of an effect in windows, see ``window_trials.trials_anew``."""
+        if not self.gear.uses_windows or hypothesis.source is not None or not hypothesis.is_linear:
+            return None
+        return window_trials.trials_anew(self.gear, self.rows, hypothesis, fit)
+
+    def order_by(self, hypotheses: Sequence[Hypothesis], mean: Array) -> None:
+        """Put planets of runs that are not fitted yet into the order that an explanation needs.
+
+        Args:
+            hypotheses, mean: of the explanation, fitted to other runs of the rig.
+        """
+        if self.gear.uses_windows:
+            there, own = self.transferred(hypotheses)
+            every = (*there.base, *(c for h in own for c in h.coefficients))
+            planet_orders.order_by(there.gear, amplitudes(every, mean, there.runs, there.rows))
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score

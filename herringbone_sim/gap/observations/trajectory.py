@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
@@ -66,6 +66,9 @@ RESTART_SHARE = 0.75
 # Restarts of misfitted windows: most in a fit, and most that gain nothing of the same windows at a
 # chi2 that differs by less than ``RESTART_SHARE``; chosen for run time.
 MAX_RESTARTS, MAX_FAILED = 3, 3
+# Planets are out of step where their rotations differ by more than this fraction of the largest,
+# and alike where their order changes chi2 by less than this fraction; chosen, far above rounding.
+STEP_SHARE, ALIKE_SHARE = 1e-3, 1e-6
 STATE_PRECISION = 1e-6  # of scaled start states: practically no prior
 
 
@@ -97,6 +100,7 @@ class Trajectory(ForcedWindows):
         self._nominal_solution: WindowSolution | None = None
         self._tried: dict[tuple[str, ...], WindowSolution] = {}
         self._failures: list[tuple[Group, float]] = []
+        self._anew: dict[tuple[str, ...], WindowSolution] = {}
 
     def fitted_states(
         self,
@@ -141,6 +145,12 @@ class Trajectory(ForcedWindows):
                 self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
             solution = min(solution, other, key=lambda fit: fit.cost)
+        anew = self._anew.pop(key, None)
+        if anew is not None:
+            other = fitted_windows(
+                self.windows, anew.starts, forcing_at(anew), ROUNDS_NEW, anew.trends
+            )
+            solution = min(solution, other, key=lambda fit: fit.cost)
         before = self._restart_chi2.get(key, self.nominal.cost)
         far_off = misses_much(self.windows, solution)
         settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
@@ -152,12 +162,13 @@ class Trajectory(ForcedWindows):
         )
         if another and far_off:
             near = solution
-            anew = self._restarted(
+            other_pass = self._restarted(
                 forcing_at(near),
                 self._with_lead.in_step_forcing(change_of, of_bodies, on_carrier),
                 near.trends,
             )
-            solution = anew if anew is not None and anew.cost < near.cost else near
+            better_pass = other_pass is not None and other_pass.cost < near.cost
+            solution = other_pass if other_pass is not None and better_pass else near
             self._restart_chi2[key] = solution.cost
         if self._has_converged(solution):
             solution = self._without_misfits(self.windows, solution, forcing_at)
@@ -179,6 +190,31 @@ class Trajectory(ForcedWindows):
             self._least = copied
         return solution
 
+    def states_anew(
+        self,
+        key: tuple[str, ...],
+        change_of: Callable[[MeshMotion], LawChange],
+        of_bodies: Mapping[str, float],
+        on_carrier: Sequence[Function],
+        remember: bool,
+    ) -> WindowSolution | None:
+        """Fit states from those of a new filter pass under a change, see ``fitted_states``.
+
+        Thread-safe unless remembered; None where the filter diverges.
+
+        Args:
+            remember: whether the next ``fitted_states`` of the ``key`` starts from these, too.
+        """
+        own = copy.copy(self)
+        forcing = own.forcing_under(change_of, of_bodies, on_carrier)(self.nominal)
+        lead = copy.copy(self._with_lead)
+        own.__dict__["_with_lead"] = lead
+        with_lead = lead.in_step_forcing(change_of, of_bodies, on_carrier)
+        solution = own._restarted(forcing, with_lead, self.nominal.trends)
+        if remember and solution is not None:
+            self._anew[key] = solution
+        return solution
+
     @contextmanager
     def to_the_end(self) -> Iterator[None]:
         """Let ``fitted_states`` fit to ``FINE_TOLERANCE`` inside this context."""
@@ -187,6 +223,35 @@ class Trajectory(ForcedWindows):
             yield
         finally:
             self._fine = False
+
+    def is_out_of_step(self) -> bool:
+        """Whether planets of a side move differently under the nominal law."""
+        u = self.nominal.starts[:, 3 : STATES // 2].reshape(-1, 2, (STATES // 2 - 3) // 2)
+        return bool(np.ptp(u, axis=2).max() > STEP_SHARE * np.abs(u).max())
+
+    def is_alike(self, order: Indices) -> bool:
+        """Whether the nominal law fits as well with bodies (9,) in another order."""
+        change = self.in_order(order).cost - self.nominal.cost
+        return bool(abs(change) < ALIKE_SHARE * self.nominal.cost)
+
+    def in_order(self, order: Indices) -> WindowSolution:
+        """Nominal states in which body i moves as body ``order[i]`` does in ``nominal``."""
+        forcing = self.forcing(LawChange(), self.masses({}), ())
+        starts = self.nominal.starts[:, _of_states(order)]
+        return evaluated(self.recorded, starts, forcing, self.nominal.trends)
+
+    def reorder(self, order: Indices) -> None:
+        """Let ``nominal`` and the states fitted so far be those in an order."""
+        self._nominal_solution = self.in_order(order)
+        for key, fit in self._solutions.items():
+            self._solutions[key] = replace(fit, starts=fit.starts[:, _of_states(order)])
+        self._least = None
+        self._tried.clear()
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether states were fitted under any change of the law."""
+        return bool(self._solutions)
 
     def _without_misfits(
         self, s: Windows, solution: WindowSolution, forcing_at: Callable[[WindowSolution], Forcing]
@@ -375,3 +440,8 @@ class Trajectory(ForcedWindows):
         jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
         encoders = sum(name[0] == "u" for name in s.channels.names)
         return np.concatenate([data, jumps, np.zeros(2 * encoders + len(s.trends.size))])
+
+
+def _of_states(order: Indices) -> Indices:
+    """Indices (18,) of states by those (9,) of bodies."""
+    return np.concatenate([order, order + STATES // 2])

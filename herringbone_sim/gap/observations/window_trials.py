@@ -13,9 +13,9 @@ from functools import partial
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, amplitudes
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
@@ -27,6 +27,8 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
 SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
+# Trials with new states: multiples of the fitted size, and angles of waves; chosen.
+ANEW_FACTORS, N_ANGLES = (0.6, 1.0, 1.6, 2.5), 12
 MAX_SIZED = 24  # best ranked hypotheses tried at sizes about that of their linear fit
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
@@ -117,6 +119,60 @@ def nonlinear_trials(
         if len(best) < MAX_KEPT and len(same) < MAX_KEPT_PER_EFFECT and not known_already:
             best.append((float(known.in_sample * share[i]), *trials[i]))
     return best
+
+
+def trials_anew(
+    gear: Gear, rows: Mapping[str, int], hypothesis: Hypothesis, fit: Score
+) -> Array | None:
+    """Try other sizes of a fitted effect, each with states of a new filter pass.
+
+    Sizes are multiples of the fitted one; an effect of two coefficients, as a wave, is tried at
+    other angles, too. Trials use the run with the largest chi2 a value. The states of all runs at
+    the best trial are remembered for the next fit of the effect.
+
+    Args:
+        rows: number of rows of each observation.
+        hypothesis, fit: the effect, and its fit.
+
+    Returns:
+        Start values (p,) of another fit; None where no trial is better than the fit.
+    """
+    first = len(fit.coefficients) - len(hypothesis.coefficients)
+    own = slice(first, first + hypothesis.n_own)
+    runs = range(len(gear.runs))
+
+    def amplitudes_at(mean: Array) -> Amplitudes:
+        return amplitudes(fit.coefficients, mean, len(gear.runs), rows)
+
+    def chi2_per_value(r: int) -> float:
+        count = np.count_nonzero(gear.trajectory_of(r).recorded.weight)
+        return gear.states(r, amplitudes_at(fit.mean)).cost / count
+
+    r = max(runs, key=chi2_per_value)
+    sizes = fit.mean[own]
+    turned = [sizes, -sizes]
+    if hypothesis.n_own == 2:
+        angles = 2.0 * np.pi / N_ANGLES * np.arange(N_ANGLES)
+        turn = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
+        turned = list(turn.transpose(2, 0, 1) @ sizes)
+    trials = []
+    for factor in ANEW_FACTORS:
+        for size in turned:
+            trial = fit.mean.copy()
+            trial[own], trial[own.stop :] = factor * size, 0.0
+            trials.append(trial)
+
+    def cost(trial: Array) -> float:
+        """Chi2 of the run with states anew; inf where they diverge."""
+        states = gear.states_anew(r, amplitudes_at(trial))
+        return np.inf if states is None else states.cost
+
+    costs = parallel_map(cost, trials)
+    best = int(np.argmin(costs))
+    if not costs[best] < gear.states(r, amplitudes_at(fit.mean)).cost - CHANCE_CHI2:
+        return None
+    parallel_map(lambda r: gear.states_anew(r, amplitudes_at(trials[best]), True), runs)
+    return np.asarray(trials[best])
 
 
 def _is_swap(hypothesis: Hypothesis) -> bool:

@@ -1,0 +1,82 @@
+"""Orders of the planets in fitted windows.
+
+Channels of suns and carrier do not tell the planets of a side apart, so the states of a run are
+fitted with its planets in an arbitrary order, left and right apart. See ``diagnosis.orders``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from herringbone_sim.arrays import Indices
+from herringbone_sim.core.layout import Layout
+from herringbone_sim.diagnosis.machine import Amplitudes
+from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.gap.observations import trajectory
+from herringbone_sim.gap.observations.gear import Gear
+
+ROUNDS = 2  # Levenberg-Marquardt steps in which an order is tried; chosen for run time
+
+
+def orders(layout: Layout) -> list[Indices]:
+    """Every order of the planets on both sides: (bodies,) indices, the present order first."""
+    n = layout.n_classes
+    sides = list(permutations(range(n)))
+    return [
+        np.array([0, 1, 2, *(3 + p for p in left), *(3 + n + p for p in right)])
+        for left, right in product(sides, sides)
+    ]
+
+
+def renaming(layout: Layout, order: Indices, functions: Sequence[str]) -> dict[str, str]:
+    """Names of functions of meshes, ``NAME of MESH``, and of those that replace them in an order.
+
+    The meshes of the planet at a place become those of the planet that takes it.
+    """
+    planets = order[3:] - 3
+    meshes = np.concatenate([planets, len(planets) + planets])
+    names = {}
+    for name in functions:
+        head, _, mesh = name.rpartition(" of ")
+        if head and mesh.isdecimal():
+            names[name] = f"{head} of {meshes[int(mesh)]}"
+    return names
+
+
+def reorderable(gear: Gear) -> NDArray[np.bool_]:
+    """(runs,) whether planets are out of step, and every order fits the nominal law as well."""
+    every = orders(gear.model.layout)
+
+    def is_free(r: int) -> bool:
+        if not gear.has_windows_of(r):
+            return False
+        of_run = gear.trajectory_of(r)
+        return of_run.is_out_of_step() and all(map(of_run.is_alike, every))
+
+    return np.array(parallel_map(is_free, range(len(gear.runs))), dtype=bool)
+
+
+def order_by(gear: Gear, amplitudes: Amplitudes) -> None:
+    """Put the planets of runs without fitted states into the order that amplitudes fit best.
+
+    One side after the other, each from the order found so far. Nothing is done where amplitudes
+    do not tell planets apart.
+    """
+    layout = gear.model.layout
+    of = amplitudes.get(trajectory.NAME, {})
+    renamings = [renaming(layout, order, list(of)) for order in orders(layout)]
+    if all(np.array_equal(of[f], of.get(g, 0.0)) for x in renamings for f, g in x.items()):
+        return
+    fresh = [not gear.trajectory_of(r).is_fitted for r in range(len(gear.runs))]
+    every = orders(layout)
+    for r in np.flatnonzero(reorderable(gear) & fresh).tolist():
+        of_run = gear.trajectory_of(r)
+        for side in (slice(3, 3 + layout.n_classes), slice(3 + layout.n_classes, None)):
+            fixed = np.delete(np.arange(len(every[0])), side)
+            others = [o for o in every if np.array_equal(o[fixed], fixed)]
+            costs = [gear.cost_near(r, of_run.in_order(o), amplitudes, ROUNDS) for o in others]
+            of_run.reorder(others[int(np.argmin(costs))])
