@@ -228,13 +228,13 @@ def with_fits_anew(
     """Fit the best ``MAX_EFFECTS_ANEW`` effects anew, until one leaves at most ``most`` chi2."""
     fits = list(singles)
     effects: set[str] = set()
-    for f in singles:
+    for i, f in enumerate(singles):
         effect = f.hypotheses[0].effect
         if effect in effects or f.hypotheses[0].source is not None:
             continue
         effects.add(effect)
-        fits[fits.index(f)] = again = fit_anew(search, f)
-        if again.score.in_sample <= most or len(effects) == MAX_EFFECTS_ANEW:
+        fits[i] = fit_anew(search, f)
+        if fits[i].score.in_sample <= most or len(effects) == MAX_EFFECTS_ANEW:
             break
     return tuple(sorted(fits, key=lambda f: f.loss))
 
