@@ -31,7 +31,7 @@ from herringbone_sim.diagnosis.fits import (
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
-from herringbone_sim.diagnosis.orders import with_best_orders
+from herringbone_sim.diagnosis.orders import in_best_orders
 from herringbone_sim.diagnosis.pairs import (
     fit_beside_part,
     fit_jointly,
@@ -99,7 +99,8 @@ def examine(
     machine, search, none, remainder = _calibrated_by_enough(machine, noise_known)
     catalogue = machine.hypotheses()
     say(f"{len(catalogue)} hypotheses")
-    search = with_best_orders(search, catalogue)
+    machine = in_best_orders(search, catalogue)
+    search = search.with_machine(machine)
     search, ranked = rank(search, catalogue, None)
     counts = search.campaign.counts
     count = sum(counts.values())

@@ -10,40 +10,86 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.coefficients import Coefficient
-from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.fits import fit_anew, fit_effect
+from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 
 MAX_REFERENCES = 3  # runs from whose own fit the orders of all others are sought; for run time
 MAX_ROUNDS = 10  # alternations between orders and fit, for run time
 
+# Fraction of the gap within which such fits are compared after trials with new states; chosen.
+NEAR_SHARE = 0.1
+MAX_TRIED = 3  # kinds of effects that are fitted, each in its own order; for run time
+
 Renaming = Mapping[str, str]  # name of each function that an order of the parts exchanges
 
 
-def with_best_orders(search: Search, catalogue: Sequence[Hypothesis]) -> Search:
-    """Search on runs whose parts are in the order that some effect of a catalogue needs.
+class Ordered(NamedTuple):
+    """An effect in the order of parts that it needs.
 
-    The same search if no order of the parts gains more than chance.
+    Attributes:
+        gain: chi2 that it removes in a linear fit.
+        hypothesis: the effect at its place.
+        orders: number of the order of each run, see ``Machine.orders``.
+        mean: (p,) mean of the linear fit, the base first.
+    """
+
+    gain: float
+    hypothesis: Hypothesis
+    orders: list[int]
+    mean: Array
+
+
+def in_best_orders(search: Search, catalogue: Sequence[Hypothesis]) -> Machine:
+    """The machine with its parts in the order that some effect of a catalogue needs in each run.
+
+    The same machine if no order of the parts gains more than chance. Where several kinds of
+    effects gain, each with its own order, that counts whose fit leaves least.
     """
     renamings, free = search.machine.orders()
     if not free.any():
-        return search
+        return search.machine
     search = search.onwards(search.machine)
     plain = max(-search.quick(h.coefficients) for h in catalogue)
     by_chance = CHANCE_CHI2 + 2.0 * np.log(len(renamings)) * np.count_nonzero(free)
-    best, choice = plain + by_chance, None
+    best: dict[object, Ordered] = {}
     for hypothesis in _told_apart(search, catalogue, renamings):
-        gain, orders = _best_orders(search, hypothesis.coefficients, renamings, free)
-        if gain > best:
-            best, choice = gain, orders
-    if choice is None:
-        return search
-    return search.onwards(search.machine.reordered(choice))
+        found = _best_orders(search, hypothesis, renamings, free)
+        kind = hypothesis.effect, _heads(search, hypothesis)
+        if found.gain > plain + by_chance and (kind not in best or found.gain > best[kind].gain):
+            best[kind] = found
+    tried = sorted(best.values(), key=lambda o: -o.gain)[:MAX_TRIED]
+    ordered = [search.machine.reordered(o.orders) for o in tried]
+    if len(tried) < 2:
+        return ordered[0] if tried else search.machine
+    searches = [search.with_machine(machine) for machine in ordered]
+    fits = [fit_effect(s, o.hypothesis, o.mean) for s, o in zip(searches, tried, strict=True)]
+    least = min(f.loss for f in fits)
+    near = [
+        i for i, f in enumerate(fits) if f.loss - least < NEAR_SHARE * (search.null.loss - least)
+    ]
+    if len(near) > 1:
+        for i in near:
+            fits[i] = fit_anew(searches[i], fits[i])
+    return ordered[min(near, key=lambda i: fits[i].loss)]
+
+
+def _heads(search: Search, hypothesis: Hypothesis) -> frozenset[str]:
+    """Names of the functions of a hypothesis without their places."""
+    return frozenset(
+        f.rpartition(" of ")[0] or f
+        for c in hypothesis.coefficients
+        for o in search.campaign.observations
+        if o in c.placements
+        for f in c.placements[o].functions
+    )
 
 
 def _told_apart(
@@ -89,15 +135,16 @@ def renamed(coefficients: Sequence[Coefficient], renaming: Renaming) -> list[Coe
 
 def _best_orders(
     search: Search,
-    coefficients: Sequence[Coefficient],
+    hypothesis: Hypothesis,
     renamings: Sequence[Renaming],
     free: NDArray[np.bool_],
-) -> tuple[float, list[int]]:
-    """Chi2 that an effect removes in a linear fit with the best order of each run, and the orders.
+) -> Ordered:
+    """The order of each run in which a linear fit of an effect removes most chi2.
 
     Orders and coefficients are found in turn, from the fit to all runs in their first order and
     from the fits to single runs.
     """
+    coefficients = hypothesis.coefficients
     each = [search.campaign.normal_equations(renamed(coefficients, r)) for r in renamings]
     A, b = (np.stack(parts) for parts in zip(*each, strict=True))  # (orders, runs, p, p)
     prior = np.diag([c.sd**-2.0 for c in (*search.base, *coefficients)])
@@ -126,4 +173,6 @@ def _best_orders(
         gain = float(b[orders, runs].sum(0) @ solved(orders, runs))
         if gain > best:
             best, choice = gain, orders
-    return best, choice.tolist()
+    mean = solved(choice, runs)
+    mean[: len(search.base)] += search.null.mean
+    return Ordered(best, hypothesis, choice.tolist(), mean)

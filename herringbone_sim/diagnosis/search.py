@@ -269,7 +269,7 @@ class Search:
         return search
 
     def with_machine(self, machine: Machine) -> Search:
-        """Copy for a machine extended by functions that no linear score needs."""
+        """Copy for another machine with the same base; linear scores stay those of the present."""
         search = copy.copy(self)
         search.machine = machine
         before, after = self.machine.functions, machine.functions

@@ -117,7 +117,7 @@ def diagnose(
     noise = examined.noise.get(verdict.metric, 1.0)
     whole = machine.for_runs(campaign.runs)
     if chosen is not None:
-        whole.order_by(chosen.hypotheses, chosen.score.mean)
+        whole = whole.ordered_for(chosen.hypotheses, chosen.score.mean)
     gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, noise)
     calibrated = _calibrated(machine, examined)
     forces = None

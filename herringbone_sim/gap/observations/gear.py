@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
@@ -107,6 +107,17 @@ class Gear(RecordedGear):
         reused = {r: known.get(id(run)) for r, run in enumerate(runs)}
         gear._trajectories.update({r: t for r, t in reused.items() if t is not None})
         gear.part_numbers = self.part_numbers
+        return gear
+
+    def reordered(self, orders: Sequence[Indices]) -> Gear:
+        """Copy with the bodies of each run in an order, see ``Trajectory.reordered``."""
+        gear = copy.copy(self)
+        gear._trajectories = {
+            r: self.trajectory_of(r).reordered(order)
+            for r, order in enumerate(orders)
+            if self.has_windows_of(r)
+        }
+        gear._formed = {}
         return gear
 
     def with_windows(self, windows: int) -> Gear:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block
@@ -98,12 +98,15 @@ class GearMachine:
         return names, planet_orders.reorderable(self.gear)
 
     def reordered(self, choice: Sequence[int]) -> GearMachine:
-        """This machine, the states of each run in one of ``orders``."""
+        """Copy with the states of each run in one of ``orders``."""
         every = planet_orders.orders(self.gear.model.layout)
-        for r, number in enumerate(choice):
-            if number:
-                self.gear.trajectory_of(r).reorder(every[number])
-        return self
+        return self._in_orders([every[number] for number in choice])
+
+    def _in_orders(self, orders: Sequence[Indices]) -> GearMachine:
+        """Copy with the bodies of each run in an order."""
+        machine = copy.copy(self)
+        machine.gear = self.gear.reordered(orders)
+        return machine
 
     def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
         """Other start values of an effect in windows, see ``window_trials.trials_anew``."""
@@ -111,16 +114,18 @@ class GearMachine:
             return None
         return window_trials.trials_anew(self.gear, self.rows, hypothesis, fit)
 
-    def order_by(self, hypotheses: Sequence[Hypothesis], mean: Array) -> None:
-        """Put planets of runs that are not fitted yet into the order that an explanation needs.
+    def ordered_for(self, hypotheses: Sequence[Hypothesis], mean: Array) -> GearMachine:
+        """Copy with planets of runs that are not fitted yet in the order for an explanation.
 
         Args:
             hypotheses, mean: of the explanation, fitted to other runs of the rig.
         """
-        if self.gear.uses_windows:
-            there, own = self.transferred(hypotheses)
-            every = (*there.base, *(c for h in own for c in h.coefficients))
-            planet_orders.order_by(there.gear, amplitudes(every, mean, there.runs, there.rows))
+        if not self.gear.uses_windows:
+            return self
+        there, own = self.transferred(hypotheses)
+        every = (*there.base, *(c for h in own for c in h.coefficients))
+        made = amplitudes(every, mean, there.runs, there.rows)
+        return self._in_orders(planet_orders.best_orders(there.gear, made))
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score

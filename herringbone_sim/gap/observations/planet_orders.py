@@ -60,23 +60,26 @@ def reorderable(gear: Gear) -> NDArray[np.bool_]:
     return np.array(parallel_map(is_free, range(len(gear.runs))), dtype=bool)
 
 
-def order_by(gear: Gear, amplitudes: Amplitudes) -> None:
-    """Put the planets of runs without fitted states into the order that amplitudes fit best.
+def best_orders(gear: Gear, amplitudes: Amplitudes) -> list[Indices]:
+    """The order of the planets of each run that amplitudes fit best; as it is for fitted runs.
 
-    One side after the other, each from the order found so far. Nothing is done where amplitudes
-    do not tell planets apart.
+    One side after the other, each from the order found so far. Where amplitudes do not tell
+    planets apart, all stay as they are.
     """
     layout = gear.model.layout
-    of = amplitudes.get(trajectory.NAME, {})
-    renamings = [renaming(layout, order, list(of)) for order in orders(layout)]
-    if all(np.array_equal(of[f], of.get(g, 0.0)) for x in renamings for f, g in x.items()):
-        return
-    fresh = [not gear.trajectory_of(r).is_fitted for r in range(len(gear.runs))]
     every = orders(layout)
+    best = [every[0]] * len(gear.runs)
+    of = amplitudes.get(trajectory.NAME, {})
+    renamings = [renaming(layout, order, list(of)) for order in every]
+    if all(np.array_equal(of[f], of.get(g, 0.0)) for x in renamings for f, g in x.items()):
+        return best
+    fresh = [not gear.trajectory_of(r).is_fitted for r in range(len(gear.runs))]
+    n = layout.n_classes
     for r in np.flatnonzero(reorderable(gear) & fresh).tolist():
         of_run = gear.trajectory_of(r)
-        for side in (slice(3, 3 + layout.n_classes), slice(3 + layout.n_classes, None)):
-            fixed = np.delete(np.arange(len(every[0])), side)
-            others = [o for o in every if np.array_equal(o[fixed], fixed)]
+        for side in (slice(3, 3 + n), slice(3 + n, None)):
+            rest = np.delete(np.arange(len(every[0])), side)
+            others = [o for o in every if np.array_equal(o[rest], best[r][rest])]
             costs = [gear.cost_near(r, of_run.in_order(o), amplitudes, ROUNDS) for o in others]
-            of_run.reorder(others[int(np.argmin(costs))])
+            best[r] = others[int(np.argmin(costs))]
+    return best

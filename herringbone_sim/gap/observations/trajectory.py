@@ -240,13 +240,19 @@ class Trajectory(ForcedWindows):
         starts = self.nominal.starts[:, _of_states(order)]
         return evaluated(self.recorded, starts, forcing, self.nominal.trends)
 
-    def reorder(self, order: Indices) -> None:
-        """Let ``nominal`` and the states fitted so far be those in an order."""
-        self._nominal_solution = self.in_order(order)
-        for key, fit in self._solutions.items():
-            self._solutions[key] = replace(fit, starts=fit.starts[:, _of_states(order)])
-        self._least = None
-        self._tried.clear()
+    def reordered(self, order: Indices) -> Trajectory:
+        """Copy with ``nominal`` and the states fitted so far in an order, see ``in_order``."""
+        other = copy.copy(self)
+        other._nominal_solution = self.in_order(order)
+        at = _of_states(order)
+        other._solutions = {
+            key: replace(fit, starts=fit.starts[:, at]) for key, fit in self._solutions.items()
+        }
+        other._restart_chi2, other._chi2 = dict(self._restart_chi2), dict(self._chi2)
+        other._restarted_when_settled = set(self._restarted_when_settled)
+        other._failures, other._least = list(self._failures), None
+        other._tried, other._anew = {}, {}
+        return other
 
     @property
     def is_fitted(self) -> bool:

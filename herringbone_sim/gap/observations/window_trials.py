@@ -28,7 +28,7 @@ PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
 SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
 # Trials with new states: multiples of the fitted size, and angles of waves; chosen.
-ANEW_FACTORS, N_ANGLES = (0.6, 1.0, 1.6, 2.5), 12
+ANEW_FACTORS, N_ANGLES = (1.0, 1.6, 2.5), 8
 MAX_SIZED = 24  # best ranked hypotheses tried at sizes about that of their linear fit
 MAX_ON_SECOND_RUN = 24  # trials continued on the second run
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
