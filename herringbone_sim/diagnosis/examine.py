@@ -18,11 +18,12 @@ from herringbone_sim.diagnosis.fits import (
     MAX_FITTED_PER_EFFECT,
     MAX_FITTED_PER_EFFECT_FAR,
     MIN_FITTED,
+    NEAR_SHARE,
     NONLINEAR_CHI2,
     FittedExplanation,
-    equivalent,
     fit_again,
     fit_best,
+    near_best,
     rank,
     simplest_equivalent,
     with_better_part,
@@ -188,7 +189,7 @@ def examine(
                 added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *added_pairs))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
-        parts = [f for f in equivalent(none, singles) if not _is_ranked(f)]
+        parts = [f for f in near_best(none, singles, NEAR_SHARE) if not _is_ranked(f)]
         linear_pairs = [f for f in pairs if _is_ranked(f)]
         if machine.estimates_states and parts and linear_pairs:
             beside_part = fit_beside_part(search, parts[0], linear_pairs[0], singles)

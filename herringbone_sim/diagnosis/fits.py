@@ -23,7 +23,9 @@ MAX_ANEW = 2  # fits of an effect from trials with new states
 MAX_PART_SEARCHES = 3  # searches for better parameters of a moving part
 MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
-EQUIVALENT_SHARE = 0.01  # fraction of the gap by which explanations may differ and count as equal
+# Fractions of the gap by which explanations may differ and count as equal, and within which the
+# better one may come out worse until more is tried.
+EQUIVALENT_SHARE, NEAR_SHARE = 0.01, 0.1
 # Chi2 per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
 NONLINEAR_CHI2 = 1.5
 
@@ -59,16 +61,17 @@ def simplest_equivalent(
     none: FittedExplanation, singles: Sequence[FittedExplanation]
 ) -> FittedExplanation:
     """Of the single effects about as good as the best, return that with fewest coefficients."""
-    near = equivalent(none, singles)
+    near = near_best(none, singles, EQUIVALENT_SHARE)
     return min(near, key=lambda f: len(f.score.coefficients), default=singles[0])
 
 
-def equivalent(
-    none: FittedExplanation, singles: Sequence[FittedExplanation]
+def near_best(
+    none: FittedExplanation, fits: Sequence[FittedExplanation], share: float
 ) -> list[FittedExplanation]:
-    """Return the single effects that explain the gap about as well as the best, best first."""
-    best = singles[0].loss
-    return [f for f in singles if f.loss - best < EQUIVALENT_SHARE * (none.loss - best)]
+    """Return the fits, best first, whose loss is near the least: by a fraction of the gap."""
+    best = min((f.loss for f in fits), default=np.inf)
+    near = [f for f in fits if f.loss - best < share * (none.loss - best)]
+    return sorted(near, key=lambda f: f.loss)
 
 
 def rank(

@@ -17,15 +17,19 @@ from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.coefficients import Coefficient
-from herringbone_sim.diagnosis.fits import fit_anew, fit_effect
+from herringbone_sim.diagnosis.fits import (
+    NEAR_SHARE,
+    FittedExplanation,
+    fit_anew,
+    fit_effect,
+    near_best,
+)
 from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 
 MAX_REFERENCES = 3  # runs from whose own fit the orders of all others are sought; for run time
 MAX_ROUNDS = 10  # alternations between orders and fit, for run time
 
-# Fraction of the gap within which such fits are compared after trials with new states; chosen.
-NEAR_SHARE = 0.1
 MAX_TRIED = 3  # kinds of effects that are fitted, each in its own order; for run time
 
 Renaming = Mapping[str, str]  # name of each function that an order of the parts exchanges
@@ -71,14 +75,12 @@ def in_best_orders(search: Search, catalogue: Sequence[Hypothesis]) -> Machine:
         return ordered[0] if tried else search.machine
     searches = [search.with_machine(machine) for machine in ordered]
     fits = [fit_effect(s, o.hypothesis, o.mean) for s, o in zip(searches, tried, strict=True)]
-    least = min(f.loss for f in fits)
-    near = [
-        i for i, f in enumerate(fits) if f.loss - least < NEAR_SHARE * (search.null.loss - least)
-    ]
+    near = set(map(id, near_best(FittedExplanation((), search.null), fits, NEAR_SHARE)))
     if len(near) > 1:
-        for i in near:
-            fits[i] = fit_anew(searches[i], fits[i])
-    return ordered[min(near, key=lambda i: fits[i].loss)]
+        fits = [
+            fit_anew(s, f) if id(f) in near else f for s, f in zip(searches, fits, strict=True)
+        ]
+    return ordered[int(np.argmin([f.loss for f in fits]))]
 
 
 def _heads(search: Search, hypothesis: Hypothesis) -> frozenset[str]:
