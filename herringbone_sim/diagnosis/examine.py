@@ -121,7 +121,7 @@ def examine(
         again, *fitted = (fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
         if singles and singles[0].score.in_sample > most:
-            search, singles = with_better_part(search, singles)
+            search, singles = with_better_part(search, singles, most)
             singles = with_fits_anew(search, singles, most)
         if again is not none:
             none, remainder = again, _predictable_remainder(search, again)

@@ -196,11 +196,12 @@ def with_unscreened(
 
 
 def with_better_part(
-    search: Search, singles: Sequence[FittedExplanation]
+    search: Search, singles: Sequence[FittedExplanation], most: float
 ) -> tuple[Search, tuple[FittedExplanation, ...]]:
     """Search better parameters of the best single effect if it is a moving part; fit it again.
 
-    Repeated as long as the loss falls: each search is linear in the states of the fit before it.
+    Repeated while that gains and the fit leaves more than ``most``: each search is linear in the
+    states of the fit before it.
 
     Returns:
         Search with the functions of the better part, and the single effects, best first.
@@ -219,9 +220,12 @@ def with_better_part(
             start = np.concatenate([other.base_mean, centers])
             fits.append(fit_effect(extended, other, start))
         fit = min(fits, key=lambda f: f.loss)
-        if best.loss - fit.loss < CHANCE_CHI2:
+        gained = best.loss - fit.loss
+        if gained > CHANCE_CHI2:
+            search, best = extended, fit
+        too_much = best.score.in_sample - most
+        if too_much <= 0.0 or gained < max(CHANCE_CHI2, NEAR_SHARE * too_much):
             break
-        search, best = extended, fit
     return search, tuple(sorted((best, *others), key=lambda f: f.loss))
 
 

@@ -23,7 +23,7 @@ from herringbone_sim.gap.observations import planet_orders, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 
-SEED, RUNS = 372101, 5
+SEED, RUNS = 372101, 3
 OTHER = 22  # number of an order that moves planets of both sides
 
 

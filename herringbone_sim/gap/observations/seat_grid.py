@@ -34,7 +34,7 @@ RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalo
 # Values of ``softness`` (see ``Seat``), chosen; a soft seat is nearly linear.
 HARD_END, SOFT_END = 0.05, 0.5
 START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen; ``film`` is 1
-MAX_TRIALS = 80  # evaluations of the local search, chosen for run time
+MAX_TRIALS = 60  # evaluations of the local search, chosen for run time
 
 Grid = list[tuple[float, ...]]  # values of ``Seat.theta``
 GRIDS: tuple[tuple[str, Grid], ...] = (

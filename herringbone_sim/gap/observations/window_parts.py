@@ -16,6 +16,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import law
@@ -30,7 +31,7 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
 
 
 # Search for better parameters of a part; chosen for run time.
-N_SEARCHED, N_REFINED = 128, 4  # points tried, and those improved by a local search
+N_SEARCHED, N_REFINED = 64, 3  # points tried, and those improved by a local search
 SEARCH_RANGE = 10.0  # largest factor on a parameter
 ALIKE = 1.15  # factor on clearance or stiffness within which parts are taken as one
 
@@ -64,16 +65,18 @@ class WindowPartTrial(PartTrial):
 
         The search starts from the part in the fit and from the best of ``N_SEARCHED`` points
         within ``SEARCH_RANGE`` of it. Optima are left out where another's parameters are within
-        ``ALIKE``.
+        ``ALIKE``, and, but for the best, where they remove less than the part in the fit.
         """
         assert self._present is not None
         points = qmc.Sobol(len(self._present.names), seed=0).random(N_SEARCHED)
         offsets = np.log(SEARCH_RANGE) * (2.0 * points - 1.0)
         seats = [self._present.with_log_offsets(offset) for offset in offsets]
-        gains = np.array([self.gain(seat) for seat in seats])
+        gains = np.array(parallel_map(self.gain, seats))
         starts = [self._present, *(seats[i] for i in np.argsort(-gains)[:N_REFINED])]
         optima: list[Seat] = []
-        for seat in sorted(map(self.refined, starts), key=lambda s: -s.measured_gain):
+        for seat in sorted(parallel_map(self.refined, starts), key=lambda s: -s.measured_gain):
+            if optima and seat.measured_gain < 0.0:
+                break
             ratios = [np.divide(seat.theta[:2], other.theta[:2]) for other in optima]
             if all(np.max(np.abs(np.log(ratio))) > np.log(ALIKE) for ratio in ratios):
                 optima.append(seat)
