@@ -192,8 +192,8 @@ def examine(
         parts = [f for f in near_best(none, singles, NEAR_SHARE) if not _is_ranked(f)]
         linear_pairs = [f for f in pairs if _is_ranked(f)]
         if machine.estimates_states and parts and linear_pairs:
-            beside_part = fit_beside_part(search, parts[0], linear_pairs[0], singles)
-            pairs = without_duplicates((*pairs, beside_part))
+            beside_part = fit_beside_part(search, parts[0], linear_pairs, singles)
+            pairs = without_duplicates((*pairs, *beside_part))
             flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
     screened: dict[str, float] = {}
     for value, hypothesis, _ in ranked:

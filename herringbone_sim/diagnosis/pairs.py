@@ -21,6 +21,7 @@ from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 
 # Limits of the search, chosen for run time:
 MAX_FITTED_PAIRS = 3  # second effects fitted exactly
+MAX_BESIDE_PART = 3  # effects fitted beside a moving part
 MAX_PAIRS_OF_SINGLES = 2  # second effects fitted from their values in the fit of them alone
 # Pairs scored by leave-one-run-out in the joint screen, and those of them fitted exactly.
 MAX_SCREENED_JOINTLY, MAX_FITTED_JOINTLY = 300, 3
@@ -227,25 +228,33 @@ def fit_rivals_of_first(
 def fit_beside_part(
     search: Search,
     part: FittedExplanation,
-    pair: FittedExplanation,
+    pairs: Sequence[FittedExplanation],
     singles: Sequence[FittedExplanation],
-) -> FittedExplanation:
-    """Fit a moving part with one effect of a pair: that which alone removes less.
+) -> tuple[FittedExplanation, ...]:
+    """Fit a moving part with one effect of each of some pairs: that which alone removes less.
 
-    The part may cause what the other effect of the pair explains: no linear score ranks a moving
+    The part may cause what the other effect of a pair explains: no linear score ranks a moving
     part with a second effect.
 
     Args:
         part: fit of the moving part alone.
-        singles: fits of single effects, with both of the pair.
+        pairs: fitted pairs, best first; ``MAX_BESIDE_PART`` different effects are taken.
+        singles: fits of single effects, with those of the pairs.
     """
     alone = {_key(f.hypotheses[0]): f.loss for f in singles}
-    own = len(search.base)
-    starts = []
-    for hypothesis in pair.hypotheses:
-        starts.append((hypothesis, pair.score.mean[own : own + len(hypothesis.coefficients)]))
-        own += len(hypothesis.coefficients)
-    second, amplitudes = max(starts, key=lambda start: alone.get(_key(start[0]), np.inf))
-    search = search.onwards(search.machine, part.score)
-    fit = fit_effect(search, second, np.concatenate([search.null.mean, amplitudes]))
-    return FittedExplanation((*part.hypotheses, second), fit.score, search)
+    search_with_part = search.onwards(search.machine, part.score)
+    fits: dict[object, FittedExplanation] = {}
+    for pair in pairs:
+        own = len(search.base)
+        starts = []
+        for hypothesis in pair.hypotheses:
+            size = pair.score.mean[own : own + len(hypothesis.coefficients)]
+            starts.append((alone.get(_key(hypothesis), np.inf), hypothesis, size))
+            own += len(hypothesis.coefficients)
+        _, second, size = max(starts, key=lambda start: start[0])
+        if _key(second) in fits or len(fits) == MAX_BESIDE_PART:
+            continue
+        start = np.concatenate([search_with_part.null.mean, size])
+        score = fit_effect(search_with_part, second, start).score
+        fits[_key(second)] = FittedExplanation((*part.hypotheses, second), score, search_with_part)
+    return tuple(fits.values())

@@ -14,10 +14,12 @@ from herringbone_sim.diagnosis.fits import (
     FittedExplanation,
     fit_best,
     rank,
+    with_fits_anew,
     with_unscreened,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.pairs import (
+    fit_beside_part,
     fit_jointly,
     fit_pairs,
     fit_rivals_of_first,
@@ -257,3 +259,63 @@ def test_each_effect_of_a_pair_is_fitted_alone_once() -> None:
     ]
     starts = [f.score.start for f in singles if f not in twins]  # type: ignore[attr-defined]
     np.testing.assert_array_equal(starts, [[7.0, 2.0], [7.0, 1.0]])
+
+
+def scored(loss: float, mean: tuple[float, ...] = (0.0,)) -> Any:
+    return SimpleNamespace(loss=loss, mean=np.array(mean), in_sample=loss)
+
+
+def test_a_moving_part_stands_beside_what_alone_removes_less() -> None:
+    """Of a pair it takes the place of the effect that removes more; each other effect once."""
+    soft, broken, ring = one("stiffness"), one("spall"), one("ring", linear=False)
+    elsewhere = one("spall", place="left")
+    singles = [FittedExplanation((h,), scored(x)) for h, x in ((soft, 5.0), (broken, 9.0))]
+    pairs = [
+        FittedExplanation((soft, broken), scored(3.0, (0.1, 0.7))),
+        FittedExplanation((broken, soft), scored(3.5, (0.6, 0.2))),
+        FittedExplanation((soft, elsewhere), scored(4.0, (0.3, 0.4))),
+    ]
+    tried = []
+
+    def refined(coefficients: Any, start: np.ndarray) -> Any:
+        tried.append((coefficients[0], start.tolist()))
+        return scored(2.0, tuple(start))
+
+    null = SimpleNamespace(in_sample=np.inf, mean=np.array([1.0]))
+    beside: Any = SimpleNamespace(base=(), refined=refined, settled=lambda s: s, null=null)
+    search: Any = SimpleNamespace(base=(), machine=None, onwards=lambda machine, score: beside)
+    found = fit_beside_part(search, FittedExplanation((ring,), scored(4.0)), pairs, singles)
+    assert [f.hypotheses for f in found] == [(ring, broken), (ring, elsewhere)]
+    assert [start for _, start in tried] == [[1.0, 0.7], [1.0, 0.4]]
+    assert all(f.search is beside for f in found)
+
+
+def test_effects_are_fitted_anew_until_one_explains() -> None:
+    """The best place of each effect; a trial that gains nothing leaves the fit as it was."""
+    losses = {"runout": 8.0, "pin": 9.0, "crack": 10.0}
+    better = {"runout": 100.0, "pin": 50.0}  # squares removed by the fit after a trial
+    hypotheses = {effect: one(effect) for effect in losses}
+    known = {id(h.coefficients[0]): effect for effect, h in hypotheses.items()}
+    asked = []
+
+    def tried_anew(hypothesis: Hypothesis, fit: Any) -> np.ndarray | None:
+        asked.append(hypothesis.effect)
+        return None if asked.count(hypothesis.effect) > 1 else np.ones(1)
+
+    def refined(coefficients: Any, start: np.ndarray) -> Any:
+        effect = known[id(coefficients[0])]
+        return scored(1000.0 * losses[effect] - better[effect])
+
+    search: Any = SimpleNamespace(
+        machine=SimpleNamespace(tried_anew=tried_anew),
+        refined=refined,
+        settled=lambda score: score,
+        null=SimpleNamespace(in_sample=np.inf),
+    )
+    singles = [FittedExplanation((h,), scored(1000.0 * losses[e])) for e, h in hypotheses.items()]
+    found = with_fits_anew(search, singles, most=1.0)
+    assert [f.loss for f in found] == [7900.0, 8950.0, 10000.0]
+    assert asked == ["runout", "runout", "pin", "pin"]
+    asked.clear()
+    assert with_fits_anew(search, singles, most=7950.0)[1].loss == 9000.0
+    assert asked == ["runout", "runout"]
