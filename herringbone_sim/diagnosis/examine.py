@@ -54,6 +54,8 @@ from herringbone_sim.diagnosis.threads import parallel_map
 
 # Fraction of an observation's rows assumed to contain no more than noise; chosen.
 NOISE_QUANTILE = 0.25
+# Fraction of the gap that an effect must explain to be sought further; chosen for run time.
+WORTH_SEEKING = 0.25
 BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
 
@@ -120,7 +122,7 @@ def examine(
             singles = with_unscreened(search, ranked, singles)
         again, *fitted = (fit_again(search, f) for f in (none, *singles))
         singles = tuple(sorted(fitted, key=lambda f: f.loss))
-        if singles and singles[0].score.in_sample > most:
+        if singles and _is_worth_seeking(none, singles[0], most):
             search, singles = with_better_part(search, singles, most)
             singles = with_fits_anew(search, singles, most)
         if again is not none:
@@ -307,6 +309,12 @@ def _with_noise(
 def _predicted_chi2(remainder: Mapping[str, Predictable]) -> float:
     """Predictable chi2, summed over the observations."""
     return sum(p.predicted for p in remainder.values())
+
+
+def _is_worth_seeking(none: FittedExplanation, best: FittedExplanation, most: float) -> bool:
+    """Whether the best effect leaves too much, and explains ``WORTH_SEEKING`` of the gap."""
+    gained = none.loss - best.loss
+    return best.score.in_sample > most and gained > WORTH_SEEKING * (none.loss - most)
 
 
 def _is_ranked(explanation: FittedExplanation) -> bool:
