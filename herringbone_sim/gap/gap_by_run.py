@@ -58,7 +58,7 @@ def gap_of(
     most the white part of that.
 
     Args:
-        machine: of all runs of the campaign, at every sample.
+        machine: of all runs of the campaign, at every sample, ordered for ``best``.
         campaign: as prepared.
         metric: name of the observation.
         none: fit without effects.
@@ -67,11 +67,15 @@ def gap_of(
         noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
+    # Before any fit: only runs without one may be reordered.
+    machines = dict.fromkeys(after, machine)
+    if other is not None:
+        machines["runner_up"] = machine.ordered_for(other.hypotheses, other.score.mean)
     estimated = not campaign.noise_known or any(run.detrended for run in campaign.runs)
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
     row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
     rms_by_fit = {
-        name: _residual_rms(machine, metric, fit, row_noise, bounded)
+        name: _residual_rms(machines[name], metric, fit, row_noise, bounded)
         for name, fit in after.items()
         if fit is not None
     }

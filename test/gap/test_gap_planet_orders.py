@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import of_shafts, practised, rig
+from gap_support import of_shafts, practised, rig, without
 
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.fits import FittedExplanation, fit_effect
@@ -112,6 +112,17 @@ def test_another_run_is_ordered_as_the_effect_needs(
     nominal = _chi2(GearMachine(Gear([run])), (), fit.score.mean[: len(ordered.base)])
     assert max(left) < 0.9 * nominal
     assert left[1] == pytest.approx(left[0], rel=0.05)
+
+
+def test_a_run_without_shafts_is_left_as_it_is(ordered: Search, fit: FittedExplanation) -> None:
+    """Such a run has no windows that could be reordered; the others are ordered all the same."""
+    run = ordered.machine.gear.runs[1].run  # type: ignore[attr-defined]
+    layout = run.model.layout
+    empty = replace(run, u=without(run.u, layout.bodies, layout.bodies))
+    machine = GearMachine(Gear([run])).for_runs([run, empty])
+    there = machine.ordered_for(fit.hypotheses, fit.score.mean)
+    assert _chi2(there, (), fit.score.mean[: len(ordered.base)]) > 0.0
+    assert not there.gear.has_windows_of(1)
 
 
 def _chi2(machine: GearMachine, hypotheses: Sequence[Hypothesis], mean: np.ndarray) -> float:

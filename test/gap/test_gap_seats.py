@@ -36,8 +36,9 @@ OMEGA = 6000.0  # [rad/s] of the motion that drives
         SeatSpring(20.0, np.inf, 1e10, 2e4, growth=4e9, drag=3.0, farthest=1e-5, fastest=0.1),
         SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6),
         SeatSpring(4.0, 30.0, 1e11, 1e5, play=5e-6, width=1e-6, film=0.2),
+        SeatSpring(4.0, 30.0, 1e11, 5e5, play=5e-6, width=1e-6, film=20.0),
     ],
-    ids=["ring", "pin", "pin in thin oil"],
+    ids=["ring", "pin", "pin in thin oil", "pin in thick oil"],
 )
 def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     """DOP853 on the same equation, meshes that lose contact: equal to a part in a hundred."""

@@ -309,18 +309,21 @@ class Gear(RecordedGear):
 
     def states(self, r: int, amplitudes: Amplitudes) -> WindowSolution:
         """Fit the states of the windows of run r under a change."""
-        key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-        run_trajectory = self.trajectory_under(r, amplitudes)
-        return run_trajectory.fitted_states(tuple(key), *self._windows_change(r, amplitudes))
-
-    def states_anew(
-        self, r: int, amplitudes: Amplitudes, remember: bool = False
-    ) -> WindowSolution | None:
-        """States of run r from a new filter pass, see ``Trajectory.states_anew``."""
-        key = sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
         run_trajectory = self.trajectory_under(r, amplitudes)
         change = self._windows_change(r, amplitudes)
-        return run_trajectory.states_anew(tuple(key), *change, remember)
+        return run_trajectory.fitted_states(_functions_acting(r, amplitudes), *change)
+
+    def states_anew(
+        self, r: int, amplitudes: Amplitudes, remember_for: Sequence[Amplitudes] = ()
+    ) -> WindowSolution | None:
+        """States of run r from a new filter pass, see ``Trajectory.states_anew``.
+
+        Args:
+            remember_for: changes with the functions whose next fit starts from these states, too.
+        """
+        run_trajectory = self.trajectory_under(r, amplitudes)
+        keys = [_functions_acting(r, change) for change in remember_for]
+        return run_trajectory.states_anew(*self._windows_change(r, amplitudes), keys)
 
     def cost_near(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
@@ -402,6 +405,13 @@ class Gear(RecordedGear):
         if observation == consistency.NAME and relations is not None:
             own = consistency.dominant_channels(relations)
         return about_rows(g.motion, own, cycles, block)
+
+
+def _functions_acting(r: int, amplitudes: Amplitudes) -> tuple[str, ...]:
+    """Names of the functions with an amplitude in the windows of run r."""
+    return tuple(
+        sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
+    )
 
 
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))

@@ -110,7 +110,8 @@ class GearMachine:
 
     def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
         """Other start values of an effect in windows, see ``window_trials.trials_anew``."""
-        if not self.gear.uses_windows or hypothesis.source is not None or not hypothesis.is_linear:
+        tried = hypothesis.source is None and hypothesis.is_linear and hypothesis.vanishes_at_zero
+        if not (self.gear.uses_windows and tried):
             return None
         return window_trials.trials_anew(self.gear, self.rows, hypothesis, fit)
 

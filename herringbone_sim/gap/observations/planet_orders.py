@@ -73,7 +73,10 @@ def best_orders(gear: Gear, amplitudes: Amplitudes) -> list[Indices]:
     renamings = [renaming(layout, order, list(of)) for order in every]
     if all(np.array_equal(of[f], of.get(g, 0.0)) for x in renamings for f, g in x.items()):
         return best
-    fresh = [not gear.trajectory_of(r).is_fitted for r in range(len(gear.runs))]
+    fresh = [
+        gear.has_windows_of(r) and not gear.trajectory_of(r).is_fitted
+        for r in range(len(gear.runs))
+    ]
     n = layout.n_classes
     for r in np.flatnonzero(reorderable(gear) & fresh).tolist():
         of_run = gear.trajectory_of(r)

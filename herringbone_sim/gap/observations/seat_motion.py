@@ -94,7 +94,8 @@ def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -
 def _steps_per_sample(spring: SeatSpring, k: float, cos_beta: float, step_s: float) -> int:
     """Time steps per sample for a seat loaded by meshes of total stiffness k [N/m]."""
     stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2) + cos_beta**2 * k
-    damping = spring.damping * (1.0 + 2.0 * spring.drag * spring.fastest)
+    damping = spring.damping * max(1.0, spring.film)
+    damping *= 1.0 + 2.0 * spring.drag * spring.fastest
     quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
     return min(MAX_SUBSTEPS, max(1, math.ceil(step_s * quickest / MAX_STEP_RAD)))
 

@@ -150,7 +150,10 @@ class Trajectory(ForcedWindows):
             other = fitted_windows(
                 self.windows, anew.starts, forcing_at(anew), ROUNDS_NEW, anew.trends
             )
-            solution = min(solution, other, key=lambda fit: fit.cost)
+            if other.cost < solution.cost:
+                solution = other
+                # The change may be refused: let a later fit of the key try the old states again.
+                self._tried.pop(key, None)
         before = self._restart_chi2.get(key, self.nominal.cost)
         far_off = misses_much(self.windows, solution)
         settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
@@ -192,18 +195,17 @@ class Trajectory(ForcedWindows):
 
     def states_anew(
         self,
-        key: tuple[str, ...],
         change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-        remember: bool,
+        keys: Sequence[tuple[str, ...]] = (),
     ) -> WindowSolution | None:
         """Fit states from those of a new filter pass under a change, see ``fitted_states``.
 
         Thread-safe unless remembered; None where the filter diverges.
 
         Args:
-            remember: whether the next ``fitted_states`` of the ``key`` starts from these, too.
+            keys: those whose next ``fitted_states`` starts from these, too.
         """
         own = copy.copy(self)
         forcing = own.forcing_under(change_of, of_bodies, on_carrier)(self.nominal)
@@ -211,8 +213,8 @@ class Trajectory(ForcedWindows):
         own.__dict__["_with_lead"] = lead
         with_lead = lead.in_step_forcing(change_of, of_bodies, on_carrier)
         solution = own._restarted(forcing, with_lead, self.nominal.trends)
-        if remember and solution is not None:
-            self._anew[key] = solution
+        if solution is not None:
+            self._anew.update(dict.fromkeys(keys, solution))
         return solution
 
     @contextmanager
@@ -241,7 +243,12 @@ class Trajectory(ForcedWindows):
         return evaluated(self.recorded, starts, forcing, self.nominal.trends)
 
     def reordered(self, order: Indices) -> Trajectory:
-        """Copy with ``nominal`` and the states fitted so far in an order, see ``in_order``."""
+        """Copy with ``nominal`` and the states fitted so far in an order, see ``in_order``.
+
+        The trajectory itself where the order is the present one.
+        """
+        if np.array_equal(order, np.arange(len(order))):
+            return self
         other = copy.copy(self)
         other._nominal_solution = self.in_order(order)
         at = _of_states(order)

@@ -150,6 +150,7 @@ def trials_anew(
 
     r = max(runs, key=chi2_per_value)
     sizes = fit.mean[own]
+    bound = np.array([c.bound for c in hypothesis.coefficients[: hypothesis.n_own]])
     turned = [sizes, -sizes]
     if hypothesis.n_own == 2:
         angles = 2.0 * np.pi / N_ANGLES * np.arange(N_ANGLES)
@@ -159,19 +160,22 @@ def trials_anew(
     for factor in ANEW_FACTORS:
         for size in turned:
             trial = fit.mean.copy()
-            trial[own], trial[own.stop :] = factor * size, 0.0
+            trial[own], trial[own.stop :] = np.clip(factor * size, -bound, bound), 0.0
             trials.append(trial)
 
     def cost(trial: Array) -> float:
         """Chi2 of the run with states anew; inf where they diverge."""
         states = gear.states_anew(r, amplitudes_at(trial))
-        return np.inf if states is None else states.cost
+        return np.inf if states is None or not np.isfinite(states.cost) else states.cost
 
     costs = parallel_map(cost, trials)
     best = int(np.argmin(costs))
     if not costs[best] < gear.states(r, amplitudes_at(fit.mean)).cost - CHANCE_CHI2:
         return None
-    parallel_map(lambda r: gear.states_anew(r, amplitudes_at(trials[best]), True), runs)
+    at_best = amplitudes_at(trials[best])
+    # The first step of the next fit adds departures from the catalogue's curve.
+    keys = at_best, amplitudes_at(fit.mean)
+    parallel_map(lambda r: gear.states_anew(r, at_best, keys), runs)
     return np.asarray(trials[best])
 
 
