@@ -20,9 +20,11 @@ from herringbone_sim.diagnosis.fits import (
     MIN_FITTED,
     NEAR_SHARE,
     NONLINEAR_CHI2,
+    SURE_SHARE,
     FittedExplanation,
     fit_again,
     fit_best,
+    fit_effect,
     near_best,
     rank,
     simplest_equivalent,
@@ -244,11 +246,32 @@ def _calibrated(
     none = FittedExplanation((), search.settled(search.null))
     remainder = _predictable_remainder(search, none)
     if not noise_known:
-        noise = {o: _noise_factors(p) for o, p in remainder.items()}
+        exchange = _exchange_of_channels(search, none)
+        left = remainder if exchange is None else _predictable_remainder(search, exchange)
+        noise = {o: _noise_factors(p) for o, p in left.items()}
         remainder = {o: p.with_noise_scaled(noise[o]) for o, p in remainder.items()}
         search = Search(search.machine, noise, none.score.mean)
         none = FittedExplanation((), search.settled(search.null))
     return search, none, remainder
+
+
+def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExplanation | None:
+    """Fit the best exchange of channels; None unless it leaves less than ``SURE_SHARE``.
+
+    What exchanged channels leave can't be predicted, so that it would be taken for noise. Only
+    where states are estimated and ``none`` leaves much: other observations show an exchange.
+    """
+    machine = search.machine
+    if not machine.estimates_states or none.loss < NONLINEAR_CHI2 * none.score.count:
+        return None
+    start = np.append(none.score.mean, 1.0)
+    swaps = [(h, start) for h in machine.hypotheses() if not h.vanishes_at_zero]
+    tried = machine.nonlinear_trials(swaps, none.score) if swaps else []
+    if not tried:
+        return None
+    _, hypothesis, start = tried[0]
+    fit = fit_effect(search, hypothesis, start)
+    return fit if fit.score.in_sample < SURE_SHARE * none.score.in_sample else None
 
 
 def _noise_factors(predictable: Predictable) -> Array:

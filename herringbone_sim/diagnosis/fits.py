@@ -28,6 +28,7 @@ MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 EQUIVALENT_SHARE, NEAR_SHARE = 0.01, 0.1
 # Chi2 per value (noise: 1) above which a linear fit is not trusted, and a fit lacks an effect.
 NONLINEAR_CHI2 = 1.5
+SURE_SHARE = 0.5  # fraction of chi2 left below which an exchange of channels is no coincidence
 
 Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of its fit
 

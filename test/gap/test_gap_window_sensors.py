@@ -12,7 +12,8 @@ import pytest
 from gap_support import column_of, no_effect, of_shafts, practised, rig
 
 from herringbone_sim.core.parameters import Parameters, ParameterWarning
-from herringbone_sim.diagnosis.examine import examine
+from herringbone_sim.diagnosis.examine import _exchange_of_channels, examine
+from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
@@ -269,3 +270,12 @@ def test_an_error_of_a_gauge_in_a_tooth_is_no_force_on_the_gear(gear: Gear) -> N
     assert "F_sp1_L" in names
     gains = [h for h in machine.hypotheses() if h.effect == "sensor_gain"]
     assert Counter(dict(h.options)["channels"] for h in gains) == {(name,): 1 for name in names}
+
+
+def test_what_exchanged_encoders_leave_is_not_noise() -> None:
+    """With the noise unknown, its factors are those of the fit of the exchange."""
+    search = Search(practised(372312, "channel_swap", runs=2))
+    found = _exchange_of_channels(search, FittedExplanation((), search.null))
+    assert found is not None
+    assert found.hypotheses[0].options == (("channels", ("u_s_R", "u_c")),)
+    assert found.score.in_sample < 1.1 * found.score.count < 0.1 * search.null.loss

@@ -409,9 +409,7 @@ class Gear(RecordedGear):
 
 def _functions_acting(r: int, amplitudes: Amplitudes) -> tuple[str, ...]:
     """Names of the functions with an amplitude in the windows of run r."""
-    return tuple(
-        sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r]))
-    )
+    return tuple(sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])))
 
 
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))

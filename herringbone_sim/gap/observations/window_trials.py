@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.fits import SURE_SHARE
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, amplitudes
@@ -26,11 +27,10 @@ SIZE_FACTORS = (-3.0, -1.0, 1.0, 3.0)
 # Offsets of the logarithm of a part's stiffness or clearance; chosen.
 PART_LOG_FACTORS = (-np.log(3.0), 0.0, np.log(3.0))
 ROUNDS_BY_RUN = (3, 8)  # Levenberg-Marquardt steps on the first and second run, for run time
-SURE_SHARE = 0.5  # fraction of chi2 left below which a swap is accepted without other trials
 # Trials with new states: multiples of the fitted size, and angles of waves; chosen.
 ANEW_FACTORS, N_ANGLES = (1.0, 1.6, 2.5), 8
 MAX_SIZED = 24  # best ranked hypotheses tried at sizes about that of their linear fit
-MAX_ON_SECOND_RUN = 24  # trials continued on the second run
+MAX_ON_SECOND_RUN, MAX_SWAPS = 24, 3  # trials continued on the second run, and swaps
 MAX_KEPT, MAX_KEPT_PER_EFFECT = 4, 2  # largest number of trials returned, in all and by effect
 
 
@@ -101,17 +101,23 @@ def nonlinear_trials(
 
     used = list(zip(far, ROUNDS_BY_RUN, strict=False))
     share = np.ones(len(trials))
+
+    def continued(chosen: Sequence[int], most: int) -> list[int]:
+        """Try some on the first run, and at most ``most`` of them on the second; return these."""
+        for r, rounds in used:
+            left_of_run = parallel_map(partial(share_left, r, rounds=rounds), chosen)
+            share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
+            chosen = sorted(chosen, key=lambda i: float(share[i]))[:most]
+        return list(chosen)
+
     swaps = [i for i, (hypothesis, _) in enumerate(trials) if _is_swap(hypothesis)]
+    others = [i for i in range(len(trials)) if i not in swaps]
+    swaps = continued(swaps, MAX_SWAPS)
     if used and swaps:
-        share[swaps] = parallel_map(partial(share_left, far[0], rounds=0), swaps)
-        i = min(swaps, key=lambda i: float(share[i]))
+        i = swaps[0]
         if share[i] < SURE_SHARE and share[i] * chi2_by_run[far[0]] < MAX_FIT_CHI2:
             return [(float(known.in_sample * share[i]), *trials[i])]
-    chosen = [i for i in range(len(trials)) if i not in swaps]
-    for r, rounds in used:
-        left_of_run = parallel_map(partial(share_left, r, rounds=rounds), chosen)
-        share[chosen] *= np.array(left_of_run) ** (1.0 / len(used))
-        chosen = sorted(chosen, key=lambda i: float(share[i]))[:MAX_ON_SECOND_RUN]
+    chosen = continued(others, MAX_ON_SECOND_RUN)
     best: list[tuple[float, Hypothesis, Array]] = []
     for i in sorted((*swaps, *chosen), key=lambda i: float(share[i])) if used else ():
         same = [other for _, other, _ in best if other.effect == trials[i][0].effect]
