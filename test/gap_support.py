@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Locus
@@ -171,10 +170,8 @@ def a_report(verdict: Verdict | None = None, **more: Any) -> Report:
 
 def practised(seed: int, effect: str, runs: int = 5) -> GearMachine:
     """Some runs of a practice rig of which three rotations are recorded, d = 10."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
-        return GearMachine(Gear(made.of_role("fit")[:runs]))
+    made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
+    return GearMachine(Gear(made.of_role("fit")[:runs]))
 
 
 def no_effect(machine: GearMachine) -> Score:

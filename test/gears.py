@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from herringbone_sim.core.integrate import State, Stepper
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
 
 PAPER = Path(__file__).resolve().parents[1] / "config" / "paper.yaml"
@@ -38,16 +37,12 @@ LINEAR = {"b": 0.0, "b_offset": (0.0,), "delta_T": 0.0}
 
 def make(**values):
     """Model of the nominal rig with some values changed; the rig itself can't be assembled."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        return build(Parameters(**values))
+    return build(Parameters(**values))
 
 
 def paper(**values):
     """Model of the paper's gear with some values changed; it can't be assembled either."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        return build(load_parameters(PAPER).changed(values))
+    return build(load_parameters(PAPER).changed(values))
 
 
 def samples(model, cycles, state=None):

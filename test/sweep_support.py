@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, load_result, open_store
@@ -18,9 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def gear(**values: object) -> Parameters:
     """A reading of the paper's gear with the steps of a sweep and some values changed."""
     reading = {"gamma": 1.2e-5, "thermal_rp": "sun", "projection": "torque"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        return with_sweep_steps(Parameters(), {}).changed(reading | values)
+    return with_sweep_steps(Parameters(), {}).changed(reading | values)
 
 
 def axis(name: str, low: float, high: float, count: int) -> Axis:

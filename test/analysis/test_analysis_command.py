@@ -85,7 +85,6 @@ def test_many_segments_are_drawn_in_part_and_that_is_said(tmp_path: Path) -> Non
     assert "figures show 6 of 9 segments" in page
 
 
-@pytest.mark.filterwarnings("ignore:no such gear")
 def test_a_known_gear_gives_contact_and_scales(tmp_path: Path) -> None:
     run = _record(tmp_path, "known", _staircase(1), to_mapping(Parameters()))
     main(["analyze", str(run), "--out", str(tmp_path / "out"), "--no-model"])

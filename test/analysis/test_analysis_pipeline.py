@@ -125,7 +125,6 @@ def test_points_of_a_ramp_lie_at_the_value_of_their_moment() -> None:
     assert len(np.unique(values)) > 500
 
 
-@pytest.mark.filterwarnings("ignore:no such gear")
 def test_exponent_of_the_simulators_chaos_agrees_with_its_tangent_flow() -> None:
     parameters = Parameters(xi=0.12)
     series, _ = simulate(build(parameters), 2500)
@@ -137,7 +136,6 @@ def test_exponent_of_the_simulators_chaos_agrees_with_its_tangent_flow() -> None
     assert sum(c.drive + c.separated + c.back for c in result.contact) == pytest.approx(4)
 
 
-@pytest.mark.filterwarnings("ignore:no such gear")
 def test_a_periodic_motion_that_only_symmetry_keeps_is_said_to_be_unstable() -> None:
     """P3 of the paper's gear: 0.019 per tau is what parts left and right, by `exponents`."""
     parameters = load_parameters(Path(__file__).parents[2] / "config" / "paper.yaml")
@@ -149,7 +147,6 @@ def test_a_periodic_motion_that_only_symmetry_keeps_is_said_to_be_unstable() -> 
     assert any(note.startswith("P3 is transversally unstable") for note in result.notes)
 
 
-@pytest.mark.filterwarnings("ignore:no such gear")
 def test_a_periodic_motion_of_the_simulator_under_noise() -> None:
     series, _ = simulate(build(Parameters(xi=0.15)), 600)
     (clean,) = analyze_series(series)

@@ -31,7 +31,6 @@ from herringbone_sim.views.figures.compare import colour
 from herringbone_sim.views.pages.compare import cells, headline
 from herringbone_sim.views.pages.gap.page import compare_command, gap_page
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 VALUES = tuple(np.linspace(60.0, 90.0, 31))
 LOOK = Observation(10, 10, 10, mesh="sp_L")
 

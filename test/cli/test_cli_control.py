@@ -21,8 +21,6 @@ from herringbone_sim.views.figures.control import amplitude_figure
 COMMAND = ["control", "--parameters", str(PAPER), "--set", "xi=0.085", "--quick"]
 SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, RunSettings(transient=60, cycles=60))
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
-
 
 def rows(path):
     with path.open(newline="", encoding="utf-8") as file:

@@ -20,8 +20,6 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def rows(path):
     with path.open(newline="", encoding="utf-8") as file:

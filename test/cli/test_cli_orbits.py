@@ -11,8 +11,6 @@ from herringbone_sim.__main__ import main
 
 XI = ["orbits", "--parameters", str(PAPER), "--over", "xi", "--from", "0.155", "--to", "0.17"]
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
-
 
 def rows(path):
     with path.open(newline="", encoding="utf-8") as file:

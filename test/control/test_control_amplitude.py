@@ -23,7 +23,6 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 K = np.linspace(0.0, 1.0, 11)
 
 

@@ -23,7 +23,6 @@ from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.sweeps.grid import Axis
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 PAPER = (1.0, 1.0, 1.0, 1.0)
 UNEVEN = {"I_s_factor": (1.1, 0.9), "I_p_factor": (0.95, 1.2)}
 RIGID = (2.0, 2.0, 1.0, 1.0, 1.0)  # u'' of the bodies in a rigid rotation of the train

@@ -16,8 +16,6 @@ from herringbone_sim.effects.written import read_effects
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
-
 
 @pytest.fixture(scope="module")
 def paper():

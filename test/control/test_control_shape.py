@@ -22,7 +22,6 @@ from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.model import relative, state
 from herringbone_sim.sweeps.grid import Axis
 
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 LINEAR = {"b": 0.0, "gamma": 0.0, "k_amp": (), "e_m": 0.0, "T_1": 0.0, "xi": 0.1}
 
 

@@ -18,8 +18,6 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.sensitivity import Directions
 from herringbone_sim.effects.sensitivity import directions
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 FAST = {"samples_per_cycle": 1, "order": 14, "steps_per_cycle": 8}
 
 PERIODIC = [

@@ -23,8 +23,6 @@ from herringbone_sim.core.parameters import (
 )
 from herringbone_sim.errors import ParameterError
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 NUMBERS = [name for name in names() if not isinstance(getattr(Parameters, name), str)]
 BOUNDED = [name for name in NUMBERS if math.isfinite(meaning(name).low)]
 CHOSEN = [name for name in names() if meaning(name).choices]

@@ -30,8 +30,6 @@ from herringbone_sim.dynamics.exponent_methods import motion_kind
 from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def starts(n, seed=0):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 2))

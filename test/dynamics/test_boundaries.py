@@ -29,7 +29,6 @@ from herringbone_sim.dynamics.orbits import closest_return, find_orbit
 from herringbone_sim.dynamics.turning import border_passes, turning_points
 
 # Three equally spaced planets can't be assembled with the paper's teeth.
-pytestmark = pytest.mark.filterwarnings("ignore:no such gear")
 
 
 def test_the_flip_and_the_fold_of_the_henon_map():

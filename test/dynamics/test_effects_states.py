@@ -26,7 +26,6 @@ from herringbone_sim.dynamics.turning import _trajectory, border_passes, section
 from herringbone_sim.effects.assemble import build_with, by_laws
 from herringbone_sim.effects.written import read_effects
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 RING, PIN = "ring_flexibility@rp:stiffness=3e9", "bearing_clearance:clearance=5e-6"
 CRACK = "tooth_crack@sp/all/L:depth=0.3"
 TINY = Size(2, 3, 4, (0.5, 1.0), 2, RunSettings(transient=40, cycles=40))

@@ -26,7 +26,6 @@ from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.sweeps.grid import Axis
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SOFT, SAME = "mean_stiffness:factor=0.95", "k_factor=0.95"
 CRACK = "tooth_crack@sp/all/L:depth=0.3"
 TINY = Size(2, 3, 4, (0.5, 1.0), 2, RunSettings(transient=40, cycles=40))

@@ -13,8 +13,6 @@ from herringbone_sim.core.model import initial_state
 from herringbone_sim.dynamics.basins import gear_sections, random_starts
 from herringbone_sim.dynamics.survival import FATES, survival
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def fate(model, n=12, transient=1500):
     starts = random_starts(model, n, np.random.default_rng(0))

@@ -12,8 +12,6 @@ from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
 from herringbone_sim.dynamics.transverse import symmetric_exponents
 from herringbone_sim.errors import AnalysisError
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def settled(**values):
     model = paper(**values)

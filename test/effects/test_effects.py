@@ -22,7 +22,6 @@ from herringbone_sim.effects.registry import VARIABLE, effect, effects
 from herringbone_sim.effects.sensors import check_sensors
 from herringbone_sim.errors import AnalysisError, ParameterError
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 CATALOGUE = {
     *("mean_stiffness", "stiffness_harmonic", "stagger", "planet_phase", "tooth_crack"),
     *("tooth_spall", "runout", "pin_position", "backlash_offset", "thermal_backlash"),

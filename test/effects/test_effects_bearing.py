@@ -18,7 +18,6 @@ from herringbone_sim.effects.evaluate import evaluate, motion
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SEAT = {"clearance": 1e-5, "stiffness": 1e10, "damping": 0.1, "softness": 0.12}
 PINS = {"all": [1, 4], "L": [1], "R": [4]}  # halves p1_L, p2_L, .., p3_R that are free
 

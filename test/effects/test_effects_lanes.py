@@ -21,7 +21,6 @@ from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.written import read_effects
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 LOSES_CONTACT = {"xi": 0.07, "samples_per_cycle": 1, "steps_per_cycle": 8}
 DRAG = "squeezed_oil:drag=2e4"
 BESIDE = {

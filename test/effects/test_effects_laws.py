@@ -15,7 +15,6 @@ from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.registry import effect
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 OMEGA, HOT, T_1 = 3.1e4, 35.0, 400.0
 N = 40
 

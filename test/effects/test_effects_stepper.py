@@ -33,7 +33,6 @@ from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import DivergenceError
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 START = {"initial_x": (0.3, -0.2, 0.1, 0.4), "samples_per_cycle": 24}
 HOT = 40.0
 

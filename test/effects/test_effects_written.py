@@ -14,7 +14,6 @@ from herringbone_sim.effects.written import effects_text, parameter_values, read
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters, save_parameters
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 LIST = """
 /**:
   ros__parameters:

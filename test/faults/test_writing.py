@@ -13,8 +13,6 @@ from benchmarks.faults.trial import Campaign, Trial
 from benchmarks.faults.vanish import FAULTS as VANISH_FAULTS
 from benchmarks.faults.vanish import vanish
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def tried(campaign: Campaign, seeds: range, folder: Path) -> list[Trial]:
     """Trials of the seeds, none of which broke a promise."""

@@ -18,7 +18,6 @@ from herringbone_sim.gap.residuals.residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.writer import RunWriter
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 ROOT = Path(__file__).resolve().parents[2]
 RIG = Parameters(model="full", delta_T=40.0, mesh_phase=(0.0, 0.3, 0.0) * 4)
 

@@ -34,8 +34,6 @@ from herringbone_sim.gap.verdict.augmented import (
 from herringbone_sim.gap.verification.simulator import GearSimulator
 from herringbone_sim.recording.parameter_file import load_gear
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 FOUND = Augmented(
     np.array([1.012, 0.985, 1.03, 0.97, 0.99, 1.015]),
     np.array([1.01, 0.99, 1.018]),

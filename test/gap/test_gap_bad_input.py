@@ -22,7 +22,6 @@ from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.writer import RunWriter
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 RIG = Path(__file__).resolve().parents[2] / "config" / "rig.yaml"
 OWN = {"k_factor": [1.2] * 6 + [1.0] * 6}
 

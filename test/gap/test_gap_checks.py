@@ -38,8 +38,6 @@ from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import Recording
 from herringbone_sim.recording.writer import RunWriter
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 @pytest.fixture(scope="module")
 def series() -> TimeSeries:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 import pytest
 from gap_support import check_report, shortened, with_few_runs
 
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared
@@ -33,11 +31,9 @@ def diagnosed(
     plan = draw_plan(
         1, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = make_campaign(plan)
-        campaign = with_few_runs(as_prepared(shortened(made, cycles)))
-        report = diagnose(campaign, senses=False).report.to_dict()
+    made = make_campaign(plan)
+    campaign = with_few_runs(as_prepared(shortened(made, cycles)))
+    report = diagnose(campaign, senses=False).report.to_dict()
     assert check_report(report) == []
     return report, outcome(made.label, report)
 
@@ -91,13 +87,11 @@ def test_what_three_rotations_leave_open_is_said() -> None:
 
 
 def test_forces_alone_say_nothing_and_end_nothing() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        campaign = with_few_runs(as_prepared(make_campaign(draw_plan(1, "none"))))
-        layout = campaign.nominal.layout
-        motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
-        rotations = tuple(f"u_{body}" for body in layout.bodies)
-        runs = tuple(without_channels(run, (*motion, *rotations)) for run in campaign.runs)
-        report = diagnose(replace(campaign, runs=runs), senses=False).report.to_dict()
+    campaign = with_few_runs(as_prepared(make_campaign(draw_plan(1, "none"))))
+    layout = campaign.nominal.layout
+    motion = (*(f"{q}_{m}" for q in "xv" for m in layout.meshes),)
+    rotations = tuple(f"u_{body}" for body in layout.bodies)
+    runs = tuple(without_channels(run, (*motion, *rotations)) for run in campaign.runs)
+    report = diagnose(replace(campaign, runs=runs), senses=False).report.to_dict()
     assert report["observations"] == []
     assert any("nothing can be said of the machine" in one for one in report["undecidable"])

@@ -20,8 +20,6 @@ from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.trial import Setting, plan_of
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def misfit(run: PreparedRun) -> float:
     """RMS of measured minus nominal force."""

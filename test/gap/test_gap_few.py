@@ -29,8 +29,6 @@ from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
 from herringbone_sim.gap.verdict.location import residual_by_mesh
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def test_planets_are_alike_where_neither_phase_nor_channel_tells_one_from_another() -> None:
     """In phase: each change of the gear or of the channels by itself parts them."""

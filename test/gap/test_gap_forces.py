@@ -27,7 +27,6 @@ from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.pages.gap.page import write_gap_page
 from herringbone_sim.views.tables.forces import write_forces
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 OWN = {"k_m_sp": 1.01 * NOMINAL.k_m_sp, "k_m_rp": 0.99 * NOMINAL.k_m_rp}  # inside the tolerance
 AT = 2  # number of the run whose forces are told
 

@@ -14,8 +14,6 @@ from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, fuse, increments, least_squares
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 @pytest.fixture(scope="module")
 def clean() -> list[TimeSeries]:

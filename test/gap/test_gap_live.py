@@ -24,7 +24,6 @@ from herringbone_sim.recording.messages import encode_samples
 from herringbone_sim.views.mirror.live_text import bar, data, line, table
 from herringbone_sim.views.mirror.target import MirrorTarget
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 STIFF = {"k_m_sp": 1.1 * NOMINAL.k_m_sp}
 ODD = {"k_factor": [1.0, 1.2, *[1.0] * 10]}
 

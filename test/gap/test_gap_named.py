@@ -24,8 +24,6 @@ from herringbone_sim.gap.observations.events import KNOTS, Event, event_columns,
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import MeshMotion
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 SIZES = np.array([0.9, 0.4])  # of the moderate size, of an effect's own coefficients
 # Effects of which hypothesis and law of the gear are one function; those of the others are tables
 # of few loads (`LOADS_M`) or knots.

@@ -15,8 +15,6 @@ from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def test_steps_of_an_encoder_are_seen_through_the_steady_rotation() -> None:
     """Counts less a rotation lie on no grid, but their second differences do."""

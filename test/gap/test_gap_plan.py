@@ -31,7 +31,6 @@ from herringbone_sim.gap.planning.summary import (
 from herringbone_sim.gap.planning.synthetic import SensorNoise, known_sensors, simulate_campaign
 from herringbone_sim.gap.sensors.detrended import only_windows_possible
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SHAFTS = ("u_s_L", "u_s_R", "u_c")
 ONE_MESH = ("x_sp1_L", "v_sp1_L", "F_sp1_L")
 TWO = POINTS[:2]

@@ -22,7 +22,6 @@ from herringbone_sim.gap.residuals.recalibrate import (
     recalibrate,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 OWN = {
     "k_m_sp": 1.5e9 * 1.012,
     "k_m_rp": 1.2e9 * 0.985,

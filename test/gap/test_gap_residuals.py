@@ -28,7 +28,6 @@ from herringbone_sim.gap.residuals.recalibrate import (
     recalibrate,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 OWN = {"k_m_sp": 1.5e9 * 1.012, "e_factor": [0.983] * 6 + [1.011] * 6, "I_p": 0.007 * 1.015}
 
 

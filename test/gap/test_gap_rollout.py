@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
 
 STEPS, WINDOWS, EVERY = 30, 37, 3  # windows: two full batches of lanes, and five left
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", ParameterWarning)
-    MODEL = build(Parameters(model="full"))
+MODEL = build(Parameters(model="full"))
 H = 0.08 / MODEL.scales.omega_n
 
 

@@ -94,7 +94,6 @@ def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
     assert (off < 0.01 * size).all()
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 def test_the_carrier_of_a_pin_is_driven_by_the_control_of_the_gear() -> None:
     """Of any order and phase, beside the output torque and the forces of the other meshes."""
     nominal = NOMINAL.changed({"control_order": 2.0, "control_phase": 0.7})

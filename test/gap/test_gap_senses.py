@@ -23,8 +23,6 @@ from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_to_di
 from herringbone_sim.gap.verification.simulator import simulator_of
 from herringbone_sim.gap.verification.verify import residual_gap
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 SIZE = 1.12
 TRUTH = Augmented(
     np.ones(6), np.ones(3), (active(effect("mean_stiffness"), Locus("sp"), {"factor": SIZE}),)

@@ -45,8 +45,6 @@ from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 from herringbone_sim.practice.trial import Setting, plan_of
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def test_a_slope_is_fast_where_there_is_little_noise_and_smooth_where_there_is_much() -> None:
     """A wave of ten samples: a quartic over seven misses 2.9 % of its slope, an octic over nine

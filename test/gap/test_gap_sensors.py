@@ -34,7 +34,6 @@ from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 UNLIKE = {"k_factor": [1.0, 1.1, 0.95, 1.0, 1.05, 1.0] * 2, "e_factor": [1.0, 0.9, 1.1] * 4}
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -31,7 +31,6 @@ from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 DATA_SHEET = ["--nominal", str(Path(__file__).resolve().parents[2] / "config" / "rig.yaml")]
 SIZE = 1.15
 OWN = {"k_m_sp": SIZE * NOMINAL.k_m_sp, "c_factor": [SIZE**-0.5] * 6 + [1.0] * 6}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from gap_support import no_effect, of_shafts, practised, rig
 
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
@@ -30,9 +28,7 @@ from herringbone_sim.practice.trial import Setting, plan_of
 @pytest.mark.parametrize("channels", ["accelerometers", "shafts_pins", "shafts_rings"])
 def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
     """Each kind of channel keeps about its noise: leverage of the states takes a third of it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
+    made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
     run = made.of_role("fit")[1]
     assert Gear([run]).uses_windows
     one = Trajectory(run)
@@ -48,9 +44,7 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
 
 def test_the_swing_that_a_recording_lacks_is_found() -> None:
     """A simulator of relative coordinates leaves it out, a rig's recording does not."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
+    made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
     run = next(r for r in made.of_role("fit") if r.point["K"] > 0.1)
     without = replace(run, u=replace(run.u, values=run.u.values - rigid_swing(run)))
     whole, again = Trajectory(run).nominal, Trajectory(without).nominal
@@ -130,7 +124,6 @@ def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
     assert start[len(null.mean) + 1] == pytest.approx(-np.log(3.0))
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 def test_a_run_in_a_wrong_minimum_is_begun_anew_once_the_gear_is_calibrated() -> None:
     """A healthy rig: every run must leave its noise, which is less than 1 a value by the states.
 
@@ -145,7 +138,6 @@ def test_a_run_in_a_wrong_minimum_is_begun_anew_once_the_gear_is_calibrated() ->
     assert np.all(calibrated.chi2 / values < 1.1)
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None:
     """The label says which planet; half of what is above the noise must go with it."""
     plan = draw_plan(381202, "bearing_clearance", d=3.0, channels="shafts_pins", law="catalogue")

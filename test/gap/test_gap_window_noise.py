@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
@@ -20,17 +18,13 @@ from herringbone_sim.practice.plan import RequestedNoise, draw_plan
 
 
 def made(seed: int, truth: str, kind: str, channels: str) -> PracticeCampaign:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        return make_campaign(
-            draw_plan(seed, truth, noise=RequestedNoise(kind), channels=channels, d=10.0)
-        )
+    return make_campaign(
+        draw_plan(seed, truth, noise=RequestedNoise(kind), channels=channels, d=10.0)
+    )
 
 
 def prepared(one: PracticeCampaign) -> PreparedCampaign:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        return as_prepared(one)
+    return as_prepared(one)
 
 
 @pytest.fixture(scope="module")

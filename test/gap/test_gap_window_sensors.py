@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections import Counter
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from gap_support import column_of, no_effect, of_shafts, practised, rig
 
-from herringbone_sim.core.parameters import Parameters, ParameterWarning
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.diagnosis.examine import _exchange_of_channels, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
@@ -36,11 +35,9 @@ from herringbone_sim.practice.plan import draw_plan
 @pytest.fixture(scope="module")
 def gear() -> Gear:
     """A healthy practice rig: rotations of suns and carrier, forces of pins, 10 samples."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(600001, "none", channels="shafts_pins")
-        made = make_campaign(replace(plan, samples_per_cycle=10))
-        return Gear(as_prepared(made).of_role("fit"))
+    plan = draw_plan(600001, "none", channels="shafts_pins")
+    made = make_campaign(replace(plan, samples_per_cycle=10))
+    return Gear(as_prepared(made).of_role("fit"))
 
 
 @pytest.mark.parametrize("channel", ["u_s_R", "F_pin2"])
@@ -96,10 +93,8 @@ def test_the_noise_of_a_channel_is_exchanged_with_it(gear: Gear, names: tuple[st
 
 def test_exchanged_accelerometers_are_named() -> None:
     """Any two channels of one kind may be exchanged, not encoders alone."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(656000, "channel_swap", channels="accelerometers")
-        made = make_campaign(plan)
+    plan = draw_plan(656000, "channel_swap", channels="accelerometers")
+    made = make_campaign(plan)
     machine = GearMachine(Gear(as_prepared(made).of_role("fit")[:3]))
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
@@ -151,10 +146,8 @@ def test_a_late_gauge_is_predicted_as_late_as_it_is(
 
     On the fastest run, at ten samples a mesh cycle.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(seed, effect, d=10.0, channels="shafts_pins", law="catalogue")
-        made = make_campaign(replace(plan, samples_per_cycle=10))
+    plan = draw_plan(seed, effect, d=10.0, channels="shafts_pins", law="catalogue")
+    made = make_campaign(replace(plan, samples_per_cycle=10))
     of = made.label["effects"][0]
     late = of["locus"]["channels"]
     kind = "delay" if parameter == "delay" else "clock"
@@ -172,10 +165,8 @@ def test_a_late_gauge_is_predicted_as_late_as_it_is(
 
 def test_a_clock_of_gauges_alone_is_named() -> None:
     """Those of the pins are drawn; the size is known within 5 %."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        plan = draw_plan(600107, "clock_drift", d=10.0, channels="shafts_pins", law="catalogue")
-        made = make_campaign(plan)
+    plan = draw_plan(600107, "clock_drift", d=10.0, channels="shafts_pins", law="catalogue")
+    made = make_campaign(plan)
     found = examine(GearMachine(Gear(as_prepared(made).of_role("fit")[:3])))
     first, of = found.singles[0], made.label["effects"][0]
     assert first.hypotheses[0].effect == "clock_drift"

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from gap_support import column_of
 
-from herringbone_sim.core.parameters import ParameterWarning
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.geometry import inverse_masses
@@ -57,10 +55,8 @@ from herringbone_sim.practice.plan import draw_plan
 @pytest.fixture(scope="module")
 def gear() -> Gear:
     """A healthy practice rig of which three rotations are recorded, at a hundredth of noise."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
-        return Gear(made.of_role("fit"))
+    made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
+    return Gear(made.of_role("fit"))
 
 
 @pytest.fixture(scope="module")
@@ -342,9 +338,7 @@ def test_rotations_may_lack_a_common_parabola(gear: Gear) -> None:
 
 
 def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = as_prepared(make_campaign(draw_plan(600001, "none", channels="shafts_pins")))
+    made = as_prepared(make_campaign(draw_plan(600001, "none", channels="shafts_pins")))
     run = made.of_role("fit")[0]
     c = window_channels(replace(run, a=replace(run.u)))  # accelerations where rotations are
     trajectory = gear.trajectories[0]

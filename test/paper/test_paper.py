@@ -14,8 +14,6 @@ from herringbone_sim.core.integrate import Stepper, largest_exponent, simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.recording.parameter_file import load_parameters
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 ROBUST = [
     pytest.param({"delta_T": 20.0}, 0, id="Fig. 6: delta_T 20, chaos"),
     pytest.param({"delta_T": 85.0}, 1, id="Fig. 9: delta_T 85, period 1"),

@@ -41,8 +41,6 @@ from herringbone_sim.paper.statements import (
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.array_cache import digest
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 A = scenario("A")
 
 

@@ -26,7 +26,6 @@ from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.replay import verify
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SOFT = "mean_stiffness@sp:factor=0.8"
 LATE = f"{SOFT}; sensor_delay@sp:delay=2.5e-5; clock_drift:ppm=200"
 

@@ -20,8 +20,6 @@ from herringbone_sim.recording.parameter_file import (
     save_parameters,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 PAPER = {
     "m_n": 0.003845,

@@ -20,8 +20,6 @@ from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.replay import verify
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def write(folder: Path, start: int = 0, spoil: int | None = None, **content: Any) -> Path:
     """A run of chaos with a change of K, Omega and the sample grid; one bit spoilt if wanted."""

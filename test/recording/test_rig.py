@@ -26,7 +26,6 @@ from herringbone_sim.recording.hidden_effects import hidden_effects
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.rig import RigPlan, make_campaign, make_run, within_tolerance
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 NOMINAL = Parameters(model="full", samples_per_cycle=24)
 POINT = {"delta_T": 40.0, "K": 0.2, "T_1": 400.0, "Omega": 0.9}
 EXACT = RigPlan(NOMINAL, cycles=20, transient=5, noise_share=0.0, bits=0, tolerance=0.0)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import itertools
 import os
-import warnings
 from collections.abc import Iterator
 
 import pytest
 from support import Bench
-
-from herringbone_sim.core.parameters import ParameterWarning
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 # Processes that share the tests have different ones. Only odd: a test may take the next one too.
@@ -26,8 +23,6 @@ def domain() -> int:
 
 @pytest.fixture
 def bench(domain: int) -> Iterator[Bench]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ParameterWarning)
-        made = Bench(domain)
-        yield made
-        made.close()
+    made = Bench(domain)
+    yield made
+    made.close()

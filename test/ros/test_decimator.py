@@ -13,8 +13,6 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.ros.streams import Decimator, coprime
 from herringbone_sim.runtime import Delivery
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def picks(samples_per_cycle: int, speed: float, rate: float, start: int = 0) -> np.ndarray:
     """Sample numbers, from a start on, that are sent of 2000 mesh cycles."""

@@ -46,7 +46,6 @@ def started_from(domain: int, file: Path, **values: Any) -> Iterator[Bench]:
         bench.close()
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 @pytest.mark.parametrize("structure", [{}, STRUCTURE], ids=["defaults", "changed"])
 def test_dump_load_and_file_are_a_round_trip(
     bench: Bench, tmp_path: Path, structure: dict[str, Any]
@@ -70,7 +69,6 @@ def test_dump_load_and_file_are_a_round_trip(
         assert other.dump() == dumped
 
 
-@pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 def test_an_empty_value_is_the_default_and_said_where_that_is_not_empty(
     domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,8 +20,6 @@ from herringbone_sim.ros.recorder import Recorder
 from herringbone_sim.ros.session import Limits
 from herringbone_sim.runtime import Change, Delivery
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 BLOCK = 160
 
 

@@ -24,7 +24,6 @@ from herringbone_sim.runtime import (
     sample_period_s,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 CRACK = "tooth_crack@sp/all/L:depth=0.3,member=sun"
 
 

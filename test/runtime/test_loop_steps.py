@@ -18,8 +18,6 @@ from herringbone_sim.runtime import (
     Stepped,
 )
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 def test_another_sample_grid_waits_for_phase_0(model: Model, runs: list[Run]) -> None:
     run = Run(model, real_time_factor=0.0013)

@@ -32,7 +32,6 @@ from herringbone_sim.sweeps.grid import (
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import load_result, load_store
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 SOFT = "mean_stiffness@all/all/all:factor=0.9"
 RING = "ring_flexibility@rp/all/all:stiffness=3e9"
 

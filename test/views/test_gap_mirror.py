@@ -27,8 +27,6 @@ from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.views.mirror.gap_blueprint import RunLayout, blueprint
 from herringbone_sim.views.mirror.target import MirrorTarget
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
-
 
 @pytest.fixture(scope="module")
 def campaign() -> PreparedCampaign:

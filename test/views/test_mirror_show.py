@@ -21,7 +21,6 @@ from herringbone_sim.recording.reader import ParameterChange, Recording, read_re
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.views.mirror.replay import block_edges, layout_of, prepare, replay_blocks
 
-pytestmark = pytest.mark.filterwarnings("ignore::herringbone_sim.core.parameters.ParameterWarning")
 CYCLES = 130
 
 
