@@ -256,10 +256,14 @@ def _calibrated(
 
 
 def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExplanation | None:
-    """Fit the best exchange of channels; None unless it leaves less than ``SURE_SHARE``.
+    """Fit the best exchange of channels; None unless it leaves less than ``SURE_SHARE`` of chi2.
 
-    What exchanged channels leave can't be predicted, so that it would be taken for noise. Only
-    where states are estimated and ``none`` leaves much: other observations show an exchange.
+    The residual of exchanged channels can't be predicted from the motion, so that it would be
+    taken for noise. Sought where states are estimated and chi2 is at least ``NONLINEAR_CHI2`` a
+    value; other observations show an exchange without this.
+
+    Args:
+        none: fit without effects, for the noise that the machine assumes.
     """
     machine = search.machine
     if not machine.estimates_states or none.loss < NONLINEAR_CHI2 * none.score.count:
