@@ -32,8 +32,9 @@ from herringbone_sim.diagnosis.fits import (
     with_fits_anew,
     with_unscreened,
 )
-from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
+from herringbone_sim.diagnosis.flexible import BLOCK_CYCLES, Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
+from herringbone_sim.diagnosis.noise import less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.orders import in_best_orders
 from herringbone_sim.diagnosis.pairs import (
     fit_beside_part,
@@ -46,7 +47,7 @@ from herringbone_sim.diagnosis.pairs import (
     with_each_alone,
     without_duplicates,
 )
-from herringbone_sim.diagnosis.products import residual_without_nuisance
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
     MIN_GAIN_PER_VALUE,
     Search,
@@ -54,11 +55,8 @@ from herringbone_sim.diagnosis.search import (
 )
 from herringbone_sim.diagnosis.threads import parallel_map
 
-# Fraction of an observation's rows assumed to contain no more than noise; chosen.
-NOISE_QUANTILE = 0.25
 # Fraction of the gap that an effect must explain to be sought further; chosen for run time.
 WORTH_SEEKING = 0.25
-BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
 
 @dataclass(frozen=True)
@@ -74,6 +72,8 @@ class Examination:
         flexible: predictable part of the residual of ``none``, of the best ``single`` and of the
             best ``pair``, by these keys and by observation.
         noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
+        offsets: (R,) standard deviation, from run to run, of a constant error of a row over the
+            assumed noise, by observation; empty if noise was known or there are none.
         machine: the given one, or its copy with more values if those were used.
     """
 
@@ -85,6 +85,7 @@ class Examination:
     screened: dict[str, float]
     flexible: dict[str, dict[str, Predictable]]
     noise: Mapping[str, Array]
+    offsets: Mapping[str, Array]
     machine: Machine
 
 
@@ -136,7 +137,7 @@ def examine(
         first = simplest_equivalent(none, singles)
         flexible["single"] = _predictable_remainder(search, singles[0], remainder)
         if machine.estimates_states and not noise_known:
-            noise = _less_noise(search.noise, flexible["single"])
+            noise = less_noise(search.noise, flexible["single"])
             if noise is not None:
                 say("less noise")
                 before, idle = none.loss, False
@@ -203,7 +204,16 @@ def examine(
     for value, hypothesis, _ in ranked:
         screened.setdefault(hypothesis.effect, value)
     return Examination(
-        count, counts, none, singles, pairs, screened, flexible, search.noise, machine
+        count,
+        counts,
+        none,
+        singles,
+        pairs,
+        screened,
+        flexible,
+        search.noise,
+        search.offsets,
+        machine,
     )
 
 
@@ -245,12 +255,18 @@ def _calibrated(
     """
     none = FittedExplanation((), search.settled(search.null))
     remainder = _predictable_remainder(search, none)
+    if not noise_known and not search.machine.estimates_states:
+        offsets = offset_sds(_blocks_about(search, none, tuple(search.machine.functions)))
+        if offsets:
+            search = Search(search.machine, start=none.score.mean, offsets=offsets)
+            none = FittedExplanation((), search.settled(search.null))
+            remainder = _predictable_remainder(search, none)
     if not noise_known:
         exchange = _exchange_of_channels(search, none)
         left = remainder if exchange is None else _predictable_remainder(search, exchange)
-        noise = {o: _noise_factors(p) for o, p in left.items()}
+        noise = {o: noise_factors(p) for o, p in left.items()}
         remainder = {o: p.with_noise_scaled(noise[o]) for o, p in remainder.items()}
-        search = Search(search.machine, noise, none.score.mean)
+        search = Search(search.machine, noise, none.score.mean, search.offsets)
         none = FittedExplanation((), search.settled(search.null))
     return search, none, remainder
 
@@ -278,48 +294,6 @@ def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExpl
     return fit if fit.score.in_sample < SURE_SHARE * none.score.in_sample else None
 
 
-def _noise_factors(predictable: Predictable) -> Array:
-    """Factors (runs, R) on the assumed noise of each row (standard deviation), 1 or more.
-
-    The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's chi2 that
-    can't be predicted, less the part that can. It is at most the quantile ``NOISE_QUANTILE`` of
-    this number over the rows of the same run: sensors of a kind are alike, so an excess in few
-    rows is not noise.
-
-    Args:
-        predictable: predictable part of the residual of one observation.
-    """
-    share = (2.0 * predictable.left - predictable.chi2) / np.maximum(predictable.count, 1.0)
-    limits = np.ones((len(share), 1))
-    for of_run, known, limit in zip(share, predictable.count > 0.0, limits, strict=True):
-        if known.any():
-            limit[0] = np.quantile(of_run[known], NOISE_QUANTILE)
-    return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(limits, 1.0))))
-
-
-def _less_noise(
-    assumed: Mapping[str, Array], remainder: Mapping[str, Predictable]
-) -> dict[str, Array] | None:
-    """Estimate the noise factors again, from the residual of an effect; at most those assumed.
-
-    The response to some effects, such as a damaged tooth, can't be predicted, so that without the
-    effect it was taken for noise.
-
-    Args:
-        assumed: (runs, R) factors by observation.
-        remainder: predictable part of the residual of the effect, for these factors.
-
-    Returns:
-        (runs, R) factors by observation; None where they fall by too little.
-    """
-    factors = {}
-    for o, p in remainder.items():
-        of_machine = p.with_noise_scaled(1.0 / assumed[o])
-        factors[o] = np.minimum(_noise_factors(of_machine), assumed[o])
-    fallen = max(float(np.mean(1.0 - (factors[o] / assumed[o]) ** 2)) for o in factors)
-    return factors if fallen > MIN_GAIN_PER_VALUE else None
-
-
 def _with_noise(
     search: Search,
     noise: Mapping[str, Array],
@@ -327,7 +301,7 @@ def _with_noise(
     singles: Sequence[FittedExplanation],
 ) -> tuple[Search, FittedExplanation, tuple[FittedExplanation, ...]]:
     """Search and fits made again with other noise factors; the single effects best first."""
-    search = Search(search.machine, noise, none.score.mean)
+    search = Search(search.machine, noise, none.score.mean, search.offsets)
     none = FittedExplanation((), search.settled(search.null))
     again = [replace(f, score=search.settled(f.score)) for f in singles]
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
@@ -376,16 +350,12 @@ def _predictable_remainder(
     """
     search = explanation.search or search
     machine = search.machine.without_linearisation()
-    fine = copy.copy(search)
-    fine.machine = machine
-    coefficients = explanation.score.coefficients
-    fitted_amplitudes = amplitudes(coefficients, explanation.score.mean, search.runs, search.rows)
     result = {}
     for o in machine.functions:
-        if of_none is not None and o in of_none and o not in fitted_amplitudes:
+        if of_none is not None and o in of_none and not _acts_on(explanation, o):
             result[o] = of_none[o]
             continue
-        blocks = fine.blocks(fitted_amplitudes, {}, (o,))
+        blocks = _blocks_about(search, explanation, (o,))
         if not all(o in b for b in blocks):
             continue
         by_run = [b[o] for b in blocks]
@@ -400,3 +370,19 @@ def _predictable_remainder(
             by_run[0].independent_share,
         )
     return result
+
+
+def _acts_on(explanation: FittedExplanation, observation: str) -> bool:
+    """Whether a coefficient of an explanation acts on an observation."""
+    return any(observation in c.placements for c in explanation.score.coefficients)
+
+
+def _blocks_about(
+    search: Search, explanation: FittedExplanation, observations: Sequence[str]
+) -> list[dict[str, Block]]:
+    """Blocks of all runs about an explanation, exact and without columns; by observation."""
+    fine = copy.copy(search)
+    fine.machine = search.machine.without_linearisation()
+    score = explanation.score
+    fitted = amplitudes(score.coefficients, score.mean, search.runs, search.rows)
+    return fine.blocks(fitted, {}, observations)

@@ -25,6 +25,7 @@ MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
+NO_OFFSET = 1e-6  # standard deviation over the noise that stands for zero; its inverse is used
 
 
 def amplitudes(
@@ -61,6 +62,8 @@ class Search:
         machine: with its runs.
         noise: (runs, R) factor on the machine's noise, by observation; 1 where none is given.
         start: (p,) start values of the tolerances; None: zero.
+        offsets: (R,) prior standard deviation of a constant in each row of each run, in units of
+            the machine's noise, by observation; no constant where none is given.
 
     Attributes:
         base: coefficients of every fit: the tolerances, or those of the fit given to ``onwards``.
@@ -73,10 +76,12 @@ class Search:
         machine: Machine,
         noise: Mapping[str, Array] | None = None,
         start: Array | None = None,
+        offsets: Mapping[str, Array] | None = None,
     ) -> None:
         self.machine, self.base = machine, machine.base
         self.rows, self.runs = machine.rows, machine.runs
         self.noise = noise or {}
+        self.offsets = offsets or {}
         self._linear: dict[str, list[Products]] = {}
         start = np.zeros(len(self.base)) if start is None else start
         self.null = self.refined((), start)
@@ -118,11 +123,13 @@ class Search:
         wanted: Mapping[str, Sequence[str]] | None,
         observations: Sequence[str],
     ) -> list[dict[str, Block]]:
-        """``Machine.blocks`` with the noise multiplied by the factors of this search."""
+        """``Machine.blocks`` with the offsets of this search, and the noise times its factors."""
         made = self.machine.blocks(amplitudes, wanted, observations)
         return [
             {
-                o: replace(b, sigma=b.sigma * self.noise[o][r]) if o in self.noise else b
+                o: _with_offsets(
+                    b, self.offsets.get(o), self.noise[o][r] if o in self.noise else 1
+                )
                 for o, b in of_run.items()
             }
             for r, of_run in enumerate(made)
@@ -289,3 +296,21 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     for name, values in made.items():
         a[:, p.functions.index(name)] = values[r]
     return a
+
+
+def _with_offsets(block: Block, offsets: Array | None, noise: Array | float) -> Block:
+    """Copy with a constant as one more nuisance of each row, and the noise times a factor (R,).
+
+    Args:
+        offsets: (R,) prior standard deviation of the constant, over the block's noise; None: none.
+    """
+    if offsets is None:
+        return replace(block, sigma=block.sigma * noise)
+    constant = np.ones((*block.residual.shape, 1))
+    sd = np.maximum(offsets, NO_OFFSET) * np.sqrt(np.mean(block.sigma**2, axis=0))
+    return replace(
+        block,
+        sigma=block.sigma * noise,
+        nuisance=np.concatenate([block.nuisance, constant], axis=2),
+        nuisance_sd=np.column_stack([block.nuisance_sd, sd]),
+    )

@@ -114,7 +114,9 @@ def diagnose(
     )
     say("held-out runs")
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
-    noise = examined.noise.get(verdict.metric, 1.0)
+    noise = np.hypot(
+        examined.noise.get(verdict.metric, 1.0), examined.offsets.get(verdict.metric, 0.0)
+    )
     whole = machine.for_runs(campaign.runs)
     if chosen is not None:
         whole = whole.ordered_for(chosen.hypotheses, chosen.score.mean)

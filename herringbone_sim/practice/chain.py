@@ -188,11 +188,13 @@ def random_part(noise: Noise, times: Array, rng: Generator, mains: float) -> Arr
 
 
 def _drift(law: str, n: int, rng: Generator) -> Array:
-    """Return slow noise (n,) of RMS 1 and mean 0, with spectrum 1/f^2 (law ``walk``) or 1/f."""
+    """Return slow noise (n,) of RMS 1, mean included, with spectrum 1/f^2 (law ``walk``) or 1/f.
+
+    It changes over four times the run, so that most of it may be an offset of the run.
+    """
     spectrum = np.fft.rfft(rng.normal(size=4 * n))
     order = np.maximum(np.arange(len(spectrum)), 1.0)
     slow = np.fft.irfft(spectrum / (order if law == "walk" else np.sqrt(order)))[:n]
-    slow -= slow.mean()
     return np.asarray(slow / rms(slow))
 
 

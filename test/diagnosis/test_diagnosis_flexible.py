@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from herringbone_sim.diagnosis.examine import _noise_factors
 from herringbone_sim.diagnosis.flexible import (
     MAX_SAMPLES,
     Predictable,
     RegressionInputs,
     predict_residuals,
 )
+from herringbone_sim.diagnosis.noise import noise_factors
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
         np.array([[0.0, 0.0], [400.0, 400.0]]),
         np.array([[0.0, 0.0], [100.0, 100.0]]),
     )
-    np.testing.assert_allclose(_noise_factors(some), [[1.0, 1.0], [2.0, 2.0]])
+    np.testing.assert_allclose(noise_factors(some), [[1.0, 1.0], [2.0, 2.0]])
 
 
 def test_a_law_of_the_mesh_phase_is_predictable_from_few_of_its_samples():

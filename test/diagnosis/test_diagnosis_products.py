@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, Placement
-from herringbone_sim.diagnosis.examine import _less_noise, _noise_factors
-from herringbone_sim.diagnosis.flexible import Predictable
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import (
     Block,
@@ -117,33 +115,6 @@ def test_moved_products_are_those_of_the_block_about_the_amplitudes():
     found, expected = recentred(products(block), a), products(there)
     for name in ("G", "c", "chi2", "count", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
-
-
-def test_noise_is_what_is_not_predictable_of_most_rows():
-    """Eight rows: six at twice their noise, one that stands out, one of which half is foreseen."""
-    count, chi2 = np.full((1, 8), 100.0), np.array([[4.0] * 6 + [100.0, 4.0]]) * 100.0
-    left = chi2.copy()
-    left[0, 7] = 0.5 * chi2[0, 7]
-    found = _noise_factors(Predictable(chi2, left, count))
-    np.testing.assert_allclose(found[0, :6], 2.0)
-    assert found[0, 6] == pytest.approx(2.0)  # no more than rows of its kind
-    assert found[0, 7] == 1.0
-
-
-def test_noise_is_no_more_than_what_an_effect_leaves():
-    """The calibrated machine left four times the noise, of which an effect takes three."""
-    assumed = {"windows": np.full((2, 1), 2.0)}
-
-    def left(chi2, predicted):
-        values = np.full((2, 1), chi2)
-        return {"windows": Predictable(values, values - predicted, np.full((2, 1), 1000.0))}
-
-    found = _less_noise(assumed, left(250.0, 0.0))
-    np.testing.assert_allclose(found["windows"], 1.0)
-    found = _less_noise(assumed, left(500.0, 0.0))
-    np.testing.assert_allclose(found["windows"], np.sqrt(2.0))
-    assert _less_noise(assumed, left(1000.0, 0.0)) is None  # it leaves as much
-    assert _less_noise(assumed, left(1500.0, 0.0)) is None  # noise is never more than assumed
 
 
 def test_a_departure_stays_near_the_curve_it_departs_from():

@@ -11,7 +11,7 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, sampled, with_few_runs
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
@@ -199,4 +199,4 @@ def test_an_exchange_is_whole_or_none() -> None:
     start = np.append(none.mean, 1.0)
     found = search.settled(search.refined(exchange.coefficients, start))
     assert found.mean[-1] == pytest.approx(1.0, abs=2e-3)
-    assert found.in_sample > none.in_sample - CHANCE_CHI2
+    assert found.in_sample > none.in_sample - search.worth

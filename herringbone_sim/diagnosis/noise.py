@@ -1,0 +1,93 @@
+"""Noise that a campaign does not give: what nothing predicts of the fit without effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.flexible import Predictable
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
+
+# Fraction of an observation's rows assumed to contain no more than noise; chosen.
+NOISE_QUANTILE = 0.25
+
+
+def offset_sds(blocks: Sequence[Mapping[str, Block]]) -> dict[str, Array]:
+    """Standard deviation, from run to run, of a constant error of each row.
+
+    Drift of sensors gives each run another offset; an effect, or the bias of a sensor, gives all
+    runs one that goes with load, temperature or speed, or is the same. Only offsets that together
+    explain more than ``MIN_GAIN_PER_VALUE`` a value count. The mean of the runs is not an offset.
+
+    Args:
+        blocks: of each run, about the fit without effects; by observation.
+
+    Returns:
+        (R,) in units of the noise of the row, by observation; empty where the offsets are small.
+    """
+    sds: dict[str, Array] = {}
+    explained = count = 0.0
+    for o in {o: None for of_run in blocks for o in of_run}:
+        of_runs = [b[o] for b in blocks if o in b]
+        means = np.stack([_means(b) for b in of_runs])
+        values = float(np.mean([len(b.residual) * b.independent_share for b in of_runs]))
+        recorded = np.isfinite(means)
+        runs = np.maximum(recorded.sum(axis=0), 1)
+        means = np.where(recorded, means, 0.0)
+        squares = np.sum(means**2, axis=0) - np.sum(means, axis=0) ** 2 / runs
+        variance = np.maximum(squares / np.maximum(runs - 1, 1) - 1.0 / values, 0.0)
+        sds[o] = np.sqrt(variance)
+        explained += values * float(((runs - 1) * variance).sum())
+        count += values * float(recorded.sum())
+    return sds if explained > MIN_GAIN_PER_VALUE * count else {}
+
+
+def _means(block: Block) -> Array:
+    """Mean (R,) over a run of residual over noise, without nuisances; NaN in rows not recorded."""
+    whitened = residual_without_nuisance(block)
+    return np.where(np.any(whitened, axis=0), whitened.mean(axis=0), np.nan)
+
+
+def noise_factors(predictable: Predictable) -> Array:
+    """Factors (runs, R) on the assumed noise of each row (standard deviation), 1 or more.
+
+    The square of a factor is 2 ``left`` - ``chi2`` per value: the part of the row's chi2 that
+    can't be predicted, less the part that can. It is at most the quantile ``NOISE_QUANTILE`` of
+    this number over the rows of the same run: sensors of a kind are alike, so an excess in few
+    rows is not noise.
+
+    Args:
+        predictable: predictable part of the residual of one observation.
+    """
+    share = (2.0 * predictable.left - predictable.chi2) / np.maximum(predictable.count, 1.0)
+    limits = np.ones((len(share), 1))
+    for of_run, known, limit in zip(share, predictable.count > 0.0, limits, strict=True):
+        if known.any():
+            limit[0] = np.quantile(of_run[known], NOISE_QUANTILE)
+    return np.asarray(np.sqrt(np.clip(share, 1.0, np.maximum(limits, 1.0))))
+
+
+def less_noise(
+    assumed: Mapping[str, Array], remainder: Mapping[str, Predictable]
+) -> dict[str, Array] | None:
+    """Estimate the noise factors again, from the residual of an effect; at most those assumed.
+
+    The response to some effects, such as a damaged tooth, can't be predicted, so that without the
+    effect it was taken for noise.
+
+    Args:
+        assumed: (runs, R) factors by observation.
+        remainder: predictable part of the residual of the effect, for these factors.
+
+    Returns:
+        (runs, R) factors by observation; None where they fall by too little.
+    """
+    factors = {}
+    for o, p in remainder.items():
+        of_machine = p.with_noise_scaled(1.0 / assumed[o])
+        factors[o] = np.minimum(noise_factors(of_machine), assumed[o])
+    fallen = max(float(np.mean(1.0 - (factors[o] / assumed[o]) ** 2)) for o in factors)
+    return factors if fallen > MIN_GAIN_PER_VALUE else None
