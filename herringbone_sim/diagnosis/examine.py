@@ -32,7 +32,7 @@ from herringbone_sim.diagnosis.fits import (
     with_fits_anew,
     with_unscreened,
 )
-from herringbone_sim.diagnosis.flexible import BLOCK_CYCLES, Predictable, predict_residuals
+from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
 from herringbone_sim.diagnosis.noise import less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.orders import in_best_orders
@@ -57,6 +57,7 @@ from herringbone_sim.diagnosis.threads import parallel_map
 
 # Fraction of the gap that an effect must explain to be sought further; chosen for run time.
 WORTH_SEEKING = 0.25
+BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
 
 @dataclass(frozen=True)

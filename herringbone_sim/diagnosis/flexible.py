@@ -23,7 +23,6 @@ MAX_HARMONIC = 4  # of an angle
 RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
 SPARSE_SIZES = (10, 40)  # features of the sparse regressions
 MAX_SAMPLES = 30 * N_FEATURES  # of a row
-BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 
 
 @dataclass(frozen=True)

@@ -127,9 +127,7 @@ class Search:
         made = self.machine.blocks(amplitudes, wanted, observations)
         return [
             {
-                o: _with_offsets(
-                    b, self.offsets.get(o), self.noise[o][r] if o in self.noise else 1
-                )
+                o: with_offsets(b, self.offsets.get(o), self.noise[o][r] if o in self.noise else 1)
                 for o, b in of_run.items()
             }
             for r, of_run in enumerate(made)
@@ -298,7 +296,7 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     return a
 
 
-def _with_offsets(block: Block, offsets: Array | None, noise: Array | float) -> Block:
+def with_offsets(block: Block, offsets: Array | None, noise: Array | float) -> Block:
     """Copy with a constant as one more nuisance of each row, and the noise times a factor (R,).
 
     Args:

@@ -114,13 +114,11 @@ def diagnose(
     )
     say("held-out runs")
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
-    noise = np.hypot(
-        examined.noise.get(verdict.metric, 1.0), examined.offsets.get(verdict.metric, 0.0)
-    )
+    noise, offsets = (of.get(verdict.metric) for of in (examined.noise, examined.offsets))
     whole = machine.for_runs(campaign.runs)
     if chosen is not None:
         whole = whole.ordered_for(chosen.hypotheses, chosen.score.mean)
-    gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, noise)
+    gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, noise, offsets)
     calibrated = _calibrated(machine, examined)
     forces = None
     if senses and machine.gear.uses_windows:

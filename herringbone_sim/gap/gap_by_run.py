@@ -12,7 +12,8 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.fits import FittedExplanation
-from herringbone_sim.diagnosis.search import amplitudes
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
+from herringbone_sim.diagnosis.search import amplitudes, with_offsets
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.observations import force_law, trajectory
@@ -49,9 +50,13 @@ def gap_of(
     none: FittedExplanation,
     best: FittedExplanation | None,
     other: FittedExplanation | None = None,
-    noise: Array | float = 1.0,
+    noise: Array | None = None,
+    offsets: Array | None = None,
 ) -> Gap:
     """Measure the gap of the runs of a campaign in one observation.
+
+    What drift, hum and encoders off centre make of each run under ``best`` is taken off all
+    residuals of that run alike: it is neither a gap nor noise.
 
     If the campaign does not give the noise, or if rotations lack their mean, the floor of force
     law and trajectory is at most the residual of the best explanation, and of the force law at
@@ -64,7 +69,10 @@ def gap_of(
         none: fit without effects.
         best: fit of the verdict's explanation; None: that without effects.
         other: fit of the runner-up; None: its residual is NaN.
-        noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation.
+        noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation;
+            None: 1.
+        offsets: (R,) standard deviation of a constant error of each row over its assumed noise;
+            None: there is none.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     # Before any fit: only runs without one may be reordered.
@@ -73,13 +81,20 @@ def gap_of(
         machines["runner_up"] = machine.ordered_for(other.hypotheses, other.score.mean)
     estimated = not campaign.noise_known or any(run.detrended for run in campaign.runs)
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
-    row_noise = np.sqrt(np.mean(np.square(np.atleast_2d(noise)), axis=0))
-    rms_by_fit = {
-        name: _residual_rms(machines[name], metric, fit, row_noise, bounded)
+    row_noise = np.ones(1) if noise is None else np.sqrt(np.mean(np.square(noise), axis=0))
+    by_fit = {
+        name: _blocks(machines[name], metric, fit, offsets)
         for name, fit in after.items()
         if fit is not None
     }
-    before = _residual_rms(machine, metric, None, row_noise, bounded)
+    errors = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
+    before = _blocks(machine, metric, None, offsets)
+    rms_by_fit = {
+        name: [
+            _residual_rms(b, e, row_noise, bounded) for b, e in zip(blocks, errors, strict=True)
+        ]
+        for name, blocks in (*by_fit.items(), ("nominal", before))
+    }
     nan = [(float("nan"),) * 2] * len(campaign.runs)
     return Gap(
         metric,
@@ -89,7 +104,7 @@ def gap_of(
             )
             for run, n, a, r, c in zip(
                 campaign.runs,
-                before,
+                rms_by_fit["nominal"],
                 rms_by_fit["augmented"],
                 rms_by_fit.get("runner_up", nan),
                 rms_by_fit["recalibrated"],
@@ -99,40 +114,64 @@ def gap_of(
     )
 
 
-def _residual_rms(
+def _blocks(
     machine: GearMachine,
     metric: str,
     fit: FittedExplanation | None,
-    noise: Array,
-    bounded: bool,
-) -> list[tuple[float, float]]:
-    """RMS of the residual and RMS of its noise for each run; NaN without the observation.
+    offsets: Array | None,
+) -> list[Block | None]:
+    """Block of each run about an explanation; None without the observation.
 
     Args:
         machine: with the runs.
         metric: name of the observation.
-        fit: of an explanation; None: residual of the nominal gear.
-        noise: (R,) actual over assumed noise of each row of the observation.
-        bounded: whether to bound the noise by the residual, of the force law by its white part.
+        fit: of the explanation; None: the nominal gear.
+        offsets: as in ``gap_of``.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}
     if fit is not None:
         coefficients = (*extended.base, *(c for h in hypotheses for c in h.coefficients))
         fitted = amplitudes(coefficients, fit.score.mean, extended.runs, extended.rows)
-    result = []
-    for block in extended.blocks(fitted, {}, (metric,)):
-        if metric not in block:
-            result.append((float("nan"), float("nan")))
-            continue
-        b = block[metric]
-        known = np.any(b.residual != 0.0, axis=0)
-        # Rows beyond those of the fit runs get the RMS of the factors.
-        factor = np.pad(noise, (0, len(known) - len(noise)), constant_values=rms(noise))
-        left, floor = b.residual[:, known], rms((b.sigma * factor)[:, known])
-        if bounded:
-            floor = min(floor, rms(left))
-        if bounded and metric == force_law.NAME:
-            floor = min(floor, rms(spectral_floor(left)))
-        result.append((rms(left), floor))
-    return result
+    made = [b.get(metric) for b in extended.blocks(fitted, {}, (metric,))]
+    if offsets is None:
+        return made
+    return [
+        b if b is None else with_offsets(b, _for_rows(offsets, b.residual.shape[1]), 1.0)
+        for b in made
+    ]
+
+
+def _for_rows(values: Array, rows: int) -> Array:
+    """Values (R,) of the rows of the fit runs; rows beyond those get their RMS."""
+    return np.pad(values, (0, rows - len(values)), constant_values=rms(values))
+
+
+def _sensor_errors(block: Block) -> Array:
+    """Part (n, R) of a residual that drift, hum and encoders off centre make, in its unit."""
+    if block.observation == trajectory.NAME:  # its states have taken them on
+        return np.zeros_like(block.residual)
+    return np.asarray(block.residual - residual_without_nuisance(block) * block.sigma)
+
+
+def _residual_rms(
+    block: Block | None, errors: Array | None, noise: Array, bounded: bool
+) -> tuple[float, float]:
+    """RMS of the residual of a run and RMS of its noise; NaN without the observation.
+
+    Args:
+        block: of the run.
+        errors: (n, R) error of the sensors in the residual; None without the observation.
+        noise: (R,) actual over assumed noise of each row of the observation.
+        bounded: whether to bound the noise by the residual, of the force law by its white part.
+    """
+    if block is None or errors is None:
+        return float("nan"), float("nan")
+    known = np.any(block.residual != 0.0, axis=0)
+    left = (block.residual - errors)[:, known]
+    floor = rms((block.sigma * _for_rows(noise, len(known)))[:, known])
+    if bounded:
+        floor = min(floor, rms(left))
+    if bounded and block.observation == force_law.NAME:
+        floor = min(floor, rms(spectral_floor(left)))
+    return rms(left), floor

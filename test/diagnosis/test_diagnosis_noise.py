@@ -10,7 +10,7 @@ import pytest
 from herringbone_sim.diagnosis.flexible import Predictable
 from herringbone_sim.diagnosis.noise import less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.products import Block, products
-from herringbone_sim.diagnosis.search import _with_offsets
+from herringbone_sim.diagnosis.search import with_offsets
 
 
 def runs_with(offsets, n=1000, noise=2.0):
@@ -83,7 +83,7 @@ def test_an_allowed_offset_leaves_the_rest_of_the_noise():
     """One value of a thousand goes into the constant; without any, chi2 grows by its square."""
     of_run = runs_with(np.array([[1.5, 0.0]]))[0]["law"]
     assert products(of_run).chi2[0] == pytest.approx(1000.0 * (1.0 + 1.5**2), rel=0.1)
-    allowed = products(_with_offsets(of_run, np.array([1.0, 0.0]), 1.0)).chi2
+    allowed = products(with_offsets(of_run, np.array([1.0, 0.0]), 1.0)).chi2
     assert allowed[0] == pytest.approx(
         of_run.residual[:, 0].var() / 4.0 * 1000.0 + 1.5**2, rel=0.01
     )

@@ -187,7 +187,7 @@ def test_noise_that_is_not_told_is_at_most_what_is_left(
     """
     raw = tuple(replace(run, detrended=("u_c",)) for run in campaign.runs)
     told, *estimated = (
-        gap_of(machine, of, "trajectory", fit, fit, None, 3.0).runs
+        gap_of(machine, of, "trajectory", fit, fit, None, np.full((1, 1), 3.0)).runs
         for of in (campaign, replace(campaign, noise_known=False), replace(campaign, runs=raw))
     )
     assert all(one.floor > 2.0 * one.augmented for one in told)

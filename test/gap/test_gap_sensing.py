@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from gap_support import rig, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
-from herringbone_sim.arrays import rms
+from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
@@ -18,6 +19,7 @@ from herringbone_sim.gap.data.geometry import (
     bodies_to_coordinates,
     coordinates_to_meshes,
 )
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
@@ -40,6 +42,7 @@ from herringbone_sim.gap.sensors.consistency import error_signals
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
 from herringbone_sim.gap.sensors.filter_delay import longest_delay
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
+from herringbone_sim.gap.verification.verify import RunGap
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
@@ -387,3 +390,34 @@ def test_the_floor_of_untold_noise_is_no_more_than_what_is_left() -> None:
     for a, b, c in zip(told, untold, right, strict=True):
         assert a.floor > 1.5 * c.floor
         assert b.floor == pytest.approx(c.floor, rel=0.15)
+
+
+def test_hum_and_offsets_of_sensors_are_neither_gap_nor_noise() -> None:
+    """Forces with a hum of thrice their noise, and an offset of twice it: the same gap as without,
+    if the offset is allowed for; else it counts."""
+    campaign = rig({}, cycles=30)
+    hummed = [
+        replace(
+            run,
+            F=replace(
+                run.F,
+                values=run.F.values
+                + 3.0 * run.F.sigma * np.sin(2.0 * np.pi * 50.0 * run.times)[:, None]
+                + 2.0 * run.F.sigma,
+            ),
+        )
+        for run in campaign.runs
+    ]
+    none = FittedExplanation((), Search(GearMachine(Gear(campaign.runs))).null)
+
+    def gap(runs: Sequence[PreparedRun], offsets: Array | None) -> tuple[RunGap, ...]:
+        machine = GearMachine(Gear(runs))
+        return gap_of(machine, campaign, "force_law", none, None, offsets=offsets).runs
+
+    allowed = np.full(12, 1.0)
+    for clean, right, wrong in zip(
+        gap(campaign.runs, None), gap(hummed, allowed), gap(hummed, None), strict=True
+    ):
+        assert right.augmented == pytest.approx(clean.augmented, rel=0.03)
+        assert right.floor == clean.floor
+        assert wrong.augmented > 1.5 * clean.augmented

@@ -119,7 +119,7 @@ def block(
     residual = (measured - parts.sum(0))[::stride]
     rows = run.model.layout.n_coordinate
     names, columns = _columns(g, law, modelled, on_bodies, chosen, window, (*parts, more), wanted)
-    slow = slow_waves(m.times, m.phase)[at]
+    slow = slow_waves(m.times)[at]
     # The window averages white noise, but neither drift nor hum.
     spread = DRIFT_SHARE * np.sqrt(
         2.0 / slow.shape[1] * ((whole**2) @ np.nan_to_num(noise_f) ** 2)

@@ -68,7 +68,7 @@ def block(
         swapped = [_relation_rows(relation, len(run))[0] for relation in right]
         exchanged = _with_rows(swapped, (len(run),), rows)
         columns = np.concatenate([columns, (residual - exchanged)[:, :, None]], axis=2)
-    slow = slow_waves(run.times, run.phase)
+    slow = slow_waves(run.times - run.times[0])
     turns, size = _shaft_waves(run)
     R = residual.shape[1]
     nuisance = np.concatenate([slow, turns], axis=1)

@@ -14,7 +14,6 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
-from herringbone_sim.diagnosis.flexible import BLOCK_CYCLES
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.observations.basis import (
@@ -32,8 +31,6 @@ from herringbone_sim.gap.observations.law import Law, MeshMotion
 
 NAME = "force_law"
 SLOW_HZ = 150.0  # [Hz] hum and drift lie below: third harmonic of the mains
-# Mesh cycles: drift of shorter periods can't be predicted from one block of cycles to the next.
-DRIFT_CYCLES = 2.0 * BLOCK_CYCLES
 # Amplitude of the encoder error once a revolution: 3 arcsec, data sheet.
 ENCODER_ERROR_RAD = 1.45e-5
 DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
@@ -161,17 +158,10 @@ def _filtered(i: int) -> Values:
     return lambda m, _: np.zeros_like(m.x) if m.filtered is None else m.filtered[i]
 
 
-def slow_waves(times: Array, phase: Array) -> Array:
-    """Cosines (n, S) of 1, 2, ... half periods over the run: all that drift and hum may hold.
-
-    Up to ``SLOW_HZ``, and to periods of ``DRIFT_CYCLES``, as what changes more slowly can be
-    predicted from the time alone, and would not count as noise.
-
-    Args:
-        times, phase: (n,) [s] and mesh phase [rad] of the samples.
-    """
-    span, cycles = times[-1] - times[0], (phase[-1] - phase[0]) / (2.0 * np.pi)
-    count = max(1, int(np.ceil(2.0 * max(span * SLOW_HZ, cycles / DRIFT_CYCLES))))
+def slow_waves(times: Array) -> Array:
+    """Cosines (n, S) of 1, 2, ... half periods over the run, up to the frequency ``SLOW_HZ``."""
+    span = times[-1] - times[0]
+    count = max(1, int(np.ceil(2.0 * span * SLOW_HZ)))
     at = (np.arange(len(times)) + 0.5) / len(times)
     return np.cos(np.pi * np.outer(at, np.arange(1, count + 1)))
 
@@ -200,7 +190,7 @@ def block(
     flat = np.stack([force_column(f, m, law) for f in chosen])
     flat[:, :, ~known] = 0.0
     columns = np.moveaxis(np.nan_to_num(flat, copy=False), 0, 2)
-    slow = slow_waves(m.times, m.phase)
+    slow = slow_waves(m.times)
     stiff = np.nan_to_num(law.k * (law.contact_drive + law.contact_back))
     nuisance = np.concatenate(
         [
