@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from gap_support import prepared, sampled
 
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.noise import resolution
@@ -14,6 +16,11 @@ from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
+
+NEARLY_SINES = (
+    {"delta_T": 92.0, "K": 0.0, "T_1": 250.0, "Omega": 0.95},
+    {"delta_T": 40.0, "K": 0.0, "T_1": 2000.0, "Omega": 0.32},
+)
 
 
 def test_steps_of_an_encoder_are_seen_through_the_steady_rotation() -> None:
@@ -62,3 +69,18 @@ def test_a_second_set_of_encoders_is_no_other_gear_and_as_noisy_as_it_is() -> No
         found = with_estimated_noise(run)
         np.testing.assert_allclose(found.u.sigma, of_u, rtol=0.3)
         assert np.all((found.x.sigma / of_x > 0.4) & (found.x.sigma / of_x < 1.3))
+
+
+@pytest.mark.parametrize("point", NEARLY_SINES)
+def test_noise_of_encoders_makes_no_other_gear_of_a_nearly_harmonic_motion(
+    point: dict[str, float],
+) -> None:
+    """Motion and e(t) are sines of one frequency, so that little but noise tells them apart."""
+    run = prepared(sampled({}, point), point, share=None)
+    noise = 0.7e-6 * np.random.default_rng(1).normal(size=run.u.values.shape)
+    u = run.u.values + noise
+    x = u @ bodies_to_meshes(run.model).T - run.waves.e
+    measured = run.with_measured("u", replace(run.u, values=u, sigma=np.full(u.shape[1], 0.7e-6)))
+    measured = measured.with_measured("x", replace(run.x, values=x))
+    scales = np.array(geometry_scales(measured))
+    assert np.all(np.isnan(scales) | (np.abs(scales - [1.0, 0.0]) < 0.15))

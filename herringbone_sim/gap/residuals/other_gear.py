@@ -87,7 +87,8 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     Ideally they are (1, 0). Delays of u and e are fitted too, and one oscillation per revolution
     of each body, as eccentric gratings cause. The noise of u is subtracted from the normal
     equations, as it would bias g. NaN where u is incomplete, x is absent, or the motion is too
-    small or collinear with e.
+    small, collinear with e, or so close to a sine of the mesh frequency, as e is, that noise could
+    move g by half of ``GEOMETRY_TOLERANCE``.
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
@@ -106,6 +107,10 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
         square[3, 3] -= 0.5 * len(s) * noise[j]
         quiet = square[0, 0] <= LEAST_MOTION * whole or square[3, 3] <= LEAST_MOTION * slope
         if quiet or cross**2 > COLLINEAR * whole * square[1, 1]:
+            continue
+        # Error of g by the noise, where x is worked out of u: it is part of x then.
+        by_noise = len(s) * noise[j] * np.linalg.inv(square)[0, 0]
+        if not 0.0 <= by_noise < 0.5 * GEOMETRY_TOLERANCE:
             continue
         pairs.append(np.linalg.solve(square, J.T @ (run.x.values[:, j] + e))[:2])
     if not pairs:
