@@ -22,6 +22,7 @@ from herringbone_sim.diagnosis.fits import (
     NONLINEAR_CHI2,
     SURE_SHARE,
     FittedExplanation,
+    Ranking,
     fit_again,
     fit_best,
     fit_effect,
@@ -109,6 +110,13 @@ def examine(
     machine = in_best_orders(search, catalogue)
     search = search.with_machine(machine)
     search, ranked = rank(search, catalogue, None)
+    if not noise_known and not machine.estimates_states:
+        offsets = _offsets_by_drift(search, none, ranked)
+        if offsets:
+            say("drift")
+            search = Search(machine, start=none.score.mean, offsets=offsets)
+            search, none, remainder = _calibrated(search, noise_known)
+            search, ranked = rank(search, catalogue, None)
     counts = search.campaign.counts
     count = sum(counts.values())
     most = (1.0 + MIN_GAIN_PER_VALUE) * count  # an explanation that leaves more lacks something
@@ -256,12 +264,6 @@ def _calibrated(
     """
     none = FittedExplanation((), search.settled(search.null))
     remainder = _predictable_remainder(search, none)
-    if not noise_known and not search.machine.estimates_states:
-        offsets = offset_sds(_blocks_about(search, none, tuple(search.machine.functions)))
-        if offsets:
-            search = Search(search.machine, start=none.score.mean, offsets=offsets)
-            none = FittedExplanation((), search.settled(search.null))
-            remainder = _predictable_remainder(search, none)
     if not noise_known:
         exchange = _exchange_of_channels(search, none)
         left = remainder if exchange is None else _predictable_remainder(search, exchange)
@@ -270,6 +272,38 @@ def _calibrated(
         search = Search(search.machine, noise, none.score.mean, search.offsets)
         none = FittedExplanation((), search.settled(search.null))
     return search, none, remainder
+
+
+def _offsets_by_drift(
+    search: Search, none: FittedExplanation, ranked: Ranking
+) -> dict[str, Array]:
+    """Estimate offsets by drift as ``offset_sds``, from the fit that leaves least of them.
+
+    A bias is the same in all runs, but neither the same multiple of their noise nor as visible in
+    all patterns of contact, so that without it, it would be taken for drift. So would other
+    effects: the best ranked ones are fitted.
+
+    Args:
+        none: fit without effects.
+        ranked: as from ``rank``, without offsets.
+    """
+    assumed = copy.copy(search)
+    assumed.noise = {}
+    observations = tuple(search.machine.functions)
+    offsets = offset_sds(_blocks_about(assumed, none, observations))
+    if not offsets:
+        return {}
+    for single in fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT):
+        found = offset_sds(_blocks_about(assumed, single, observations))
+        if _explained_by(search, found) < _explained_by(search, offsets):
+            offsets = found
+    return offsets
+
+
+def _explained_by(search: Search, offsets: Mapping[str, Array]) -> float:
+    """Chi2 that offsets (R,) explain, by observation, summed over runs, rows and observations."""
+    counts = search.campaign.counts
+    return sum(counts[o] * float(np.mean(sds**2)) for o, sds in offsets.items())
 
 
 def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExplanation | None:

@@ -23,7 +23,7 @@ def offset_sds(blocks: Sequence[Mapping[str, Block]]) -> dict[str, Array]:
     explain more than ``MIN_GAIN_PER_VALUE`` a value count. The mean of the runs is not an offset.
 
     Args:
-        blocks: of each run, about the fit without effects; by observation.
+        blocks: of each run, about a fit; by observation.
 
     Returns:
         (R,) in units of the noise of the row, by observation; empty where the offsets are small.

@@ -65,6 +65,8 @@ def test_an_effect_is_named_with_its_place_and_size(truth: str, cycles: int) -> 
     [
         ("none", "full", "encoders", 60),
         ("none", "full", "gains", 60),
+        ("none", "full", "coloured_hard", 60),
+        ("sensor_bias", "full", "white_untold", 60),
         ("none", "x_and_F", "filtered", 120),
         ("runout", "full", "encoders_two", 120),
         ("pin_position", "x_and_F", "filtered", 60),

@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import rig, shortened, with_few_runs
+from gap_support import NOMINAL, rig, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.core.model import build
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
 from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.data.geometry import (
     bodies_to_coordinates,
+    bodies_to_meshes,
     coordinates_to_meshes,
 )
 from herringbone_sim.gap.data.prepared import PreparedRun
@@ -152,6 +154,26 @@ def test_copied_rates_of_one_kind_of_mesh_are_seen() -> None:
     blind = ("u_p1_L", *layout.channels_of("x"))
     left = without_computed(without_channels(of_turns, blind)).v.recorded
     assert [m for m, on in zip(layout.meshes, left, strict=True) if on] == ["sp1_L", "rp1_L"]
+
+
+def test_displacements_of_a_second_set_of_encoders_are_dropped_where_the_sets_agree() -> None:
+    """Noise of nine encoders in twelve displacements; a gain of one encoder, or sensors of their
+    own, keep them."""
+    run = without_channels(
+        rig({}, cycles=20).runs[0], tuple(f"v_{m}" for m in build(NOMINAL).layout.meshes)
+    )
+    rng = np.random.default_rng(5)
+
+    def seen(encoders: Array) -> PreparedRun:
+        x = encoders @ bodies_to_meshes(run.model).T - run.waves.e
+        return replace(run, x=replace(run.x, values=x))
+
+    second = run.u.values + run.u.sigma * rng.normal(size=run.u.values.shape)
+    found = without_computed(seen(second))
+    assert not found.x.recorded.any()
+    assert found.u.complete
+    assert without_computed(seen(second * np.r_[1.3, np.ones(8)])).x.complete
+    assert without_computed(run).x.complete
 
 
 def test_an_encoder_that_is_missing_changes_no_error_of_the_others() -> None:

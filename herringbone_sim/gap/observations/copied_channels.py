@@ -1,7 +1,9 @@
 """Drop channels that were computed from other channels, so that each measurement counts once.
 
 Displacements that agree with rotations more closely than independent noise allows are copies; so
-are rates that agree with the derivative of displacements.
+are rates that agree with the derivative of displacements. Displacements worked out of a second set
+of encoders are no copies of the first, but their noise is that of few encoders in all of them:
+where the sets agree, they are dropped too.
 """
 
 from __future__ import annotations
@@ -12,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import eigh
 
-from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
@@ -22,11 +25,15 @@ from herringbone_sim.gap.residuals.fusion import (
     mesh_sigma,
     to_meshes,
 )
+from herringbone_sim.gap.residuals.other_gear import once_a_turn
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 from herringbone_sim.gap.sensors.correction import without_channels
 
 # RMS disagreement over that of independent noise below which a channel is a copy; chosen.
 COPY_SHARE = 0.5
+# Disagreement of two sets of encoders, power in the lower over that in the upper half of the band,
+# above which one of them has an error: twice the noise in amplitude; chosen.
+DISAGREE = 4.0
 # Variance of the slope of a cubic spline through white noise of variance 1 at unit spacing.
 SPLINE_SLOPE_NOISE = float(
     np.sum(CubicSpline(np.arange(33.0), np.eye(33)[16]).derivative()(np.arange(33.0)) ** 2)
@@ -62,9 +69,44 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 def without_computed(run: PreparedRun) -> PreparedRun:
     """Return a run with x and v that were computed from its other channels as not recorded.
 
-    All x are dropped together, if all u are recorded and x repeats them; v mesh by mesh. Where
-    most v repeat x or u, the others get at least the noise of a differentiated displacement.
+    All x are dropped together, if all u are recorded and x repeats them, or a second set of
+    encoders that agrees with them; v mesh by mesh. Where most v repeat x or u, the others get at
+    least the noise of a differentiated displacement.
     """
+    x = run.model.layout.channels_of("x")
+    second_set = _has_second_encoders(run)
+    run = _without_computed_rates(run)
+    return without_channels(run, x) if second_set else run
+
+
+def _has_second_encoders(run: PreparedRun) -> bool:
+    """Whether x comes from a second set of encoders, which agrees with u.
+
+    Then x obeys the geometry exactly, without u, and differs from u by white noise and by
+    oscillations once a revolution. All x and u must be recorded.
+    """
+    if not (run.x.complete and run.u.complete):
+        return False
+    D = coordinates_to_meshes(run.model.layout)
+    x = run.x.values + run.waves.e
+    z = x @ np.linalg.pinv(D).T
+    if _rms((x - z @ D.T) / run.x.sigma) >= COPY_SHARE:
+        return False
+    off = z - run.u.values @ bodies_to_coordinates(run.model).T
+    lines = once_a_turn(run)
+    off = (off - lines @ (lines.T @ off)) * np.hanning(len(off))[:, None]
+    spectrum = np.fft.rfft(off, axis=0)[1:-1]
+    lower, upper = (
+        np.real(half.conj().T @ half) / len(half)
+        for half in np.split(spectrum, [len(spectrum) // 2])
+    )
+    if np.linalg.eigvalsh(upper)[0] <= 1e-9 * np.trace(upper):  # x repeats u, or a part of it
+        return False
+    return float(eigh(lower, upper, eigvals_only=True)[-1]) < DISAGREE
+
+
+def _without_computed_rates(run: PreparedRun) -> PreparedRun:
+    """Return a run with x that repeats u, and v that repeats x or u, as not recorded."""
     layout = run.model.layout
     by_mesh, by_body = layout.channels_of("x"), layout.channels_of("u")
     residuals = geometric_residuals(run)[0][0]

@@ -95,7 +95,7 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     G = bodies_to_meshes(run.model)
     given = run.u.values @ G.T
     noise = (G**2) @ run.u.sigma**2
-    lines = _once_a_turn(run)
+    lines = once_a_turn(run)
     pairs = []
     for j in np.flatnonzero(run.x.recorded):
         s, e, late = given[:, j], run.waves.e[:, j], run.waves.e_rate[:, j]
@@ -119,7 +119,7 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     return float(of_u), float(of_e)
 
 
-def _once_a_turn(run: PreparedRun) -> Array:
+def once_a_turn(run: PreparedRun) -> Array:
     """Return orthonormal columns (n, 7) that span a constant and once-per-revolution oscillations.
 
     Revolutions of suns, carrier and planets, with a cosine and a sine each.
