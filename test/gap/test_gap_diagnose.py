@@ -43,7 +43,8 @@ def test_nothing_is_named_where_nothing_is() -> None:
     assert report["verdict"] == "none"
     assert report["causes"][0]["probability"] > 0.9
     gap = report["gap"]
-    assert gap["recalibrated"] == pytest.approx(gap["noise_floor"], rel=0.02)
+    # What sensors may do is taken off, and takes some of the noise of so short runs with it.
+    assert gap["recalibrated"] == pytest.approx(gap["noise_floor"], rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -202,7 +202,8 @@ def test_a_run_without_some_channels_is_diagnosed_with_the_others(
 
 @pytest.mark.parametrize("missing", [1, 12], ids=["one gauge", "all gauges"])
 def test_a_held_out_run_without_gauges_changes_no_gap_but_its_own(missing: int) -> None:
-    campaign = replace(rig({}, cycles=20), noise_known=False)
+    """A rig with a wider play, so that the gap is that of the forces."""
+    campaign = replace(rig({"b": 0.66}, cycles=20), noise_known=False)
     off = np.arange(12) < missing
     runs = (*campaign.runs[:2], campaign.runs[2].without("F", off))
     whole, lacking = (
