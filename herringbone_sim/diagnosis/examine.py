@@ -290,11 +290,11 @@ def _offsets_by_drift(
     assumed = copy.copy(search)
     assumed.noise = {}
     observations = tuple(search.machine.functions)
-    offsets = offset_sds(_blocks_about(assumed, none, observations))
+    offsets = offset_sds(_blocks_about(assumed, none, observations), search.noise)
     if not offsets:
         return {}
     for single in fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT):
-        found = offset_sds(_blocks_about(assumed, single, observations))
+        found = offset_sds(_blocks_about(assumed, single, observations), search.noise)
         if _explained_by(search, found) < _explained_by(search, offsets):
             offsets = found
     return offsets

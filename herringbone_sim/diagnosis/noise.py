@@ -15,7 +15,9 @@ from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
 NOISE_QUANTILE = 0.25
 
 
-def offset_sds(blocks: Sequence[Mapping[str, Block]]) -> dict[str, Array]:
+def offset_sds(
+    blocks: Sequence[Mapping[str, Block]], noise: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
     """Standard deviation, from run to run, of a constant error of each row.
 
     Drift of sensors gives each run another offset; an effect, or the bias of a sensor, gives all
@@ -24,31 +26,43 @@ def offset_sds(blocks: Sequence[Mapping[str, Block]]) -> dict[str, Array]:
 
     Args:
         blocks: of each run, about a fit; by observation.
+        noise: (runs, R) actual over assumed noise, by observation; 1 where none is given.
 
     Returns:
-        (R,) in units of the noise of the row, by observation; empty where the offsets are small.
+        (R,) in units of the RMS of the row's assumed noise, by observation; empty where offsets
+        are small.
     """
     sds: dict[str, Array] = {}
     explained = count = 0.0
     for o in {o: None for of_run in blocks for o in of_run}:
-        of_runs = [b[o] for b in blocks if o in b]
-        means = np.stack([_means(b) for b in of_runs])
-        values = float(np.mean([len(b.residual) * b.independent_share for b in of_runs]))
+        at = [r for r, b in enumerate(blocks) if o in b]
+        means, variances = np.stack([_means(blocks[r][o]) for r in at], axis=1)
+        factor = np.mean(noise[o][at] ** 2, axis=0) if noise and o in noise else 1.0
+        values = float(np.mean([len(blocks[r][o].residual) for r in at]))
+        values *= blocks[at[0]][o].independent_share
         recorded = np.isfinite(means)
         runs = np.maximum(recorded.sum(axis=0), 1)
-        means = np.where(recorded, means, 0.0)
+        means, variances = np.where(recorded, means, 0.0), np.where(recorded, variances, 0.0)
         squares = np.sum(means**2, axis=0) - np.sum(means, axis=0) ** 2 / runs
-        variance = np.maximum(squares / np.maximum(runs - 1, 1) - 1.0 / values, 0.0)
+        by_noise = factor * np.sum(variances, axis=0) / runs
+        variance = np.maximum(squares / np.maximum(runs - 1, 1) - by_noise, 0.0)
         sds[o] = np.sqrt(variance)
-        explained += values * float(((runs - 1) * variance).sum())
+        explained += values * float(((runs - 1) * variance / factor).sum())
         count += values * float(recorded.sum())
     return sds if explained > MIN_GAIN_PER_VALUE * count else {}
 
 
-def _means(block: Block) -> Array:
-    """Mean (R,) over a run of residual over noise, without nuisances; NaN in rows not recorded."""
+def _means(block: Block) -> tuple[Array, Array]:
+    """Weighted mean (R,) of each row over a run, and its variance by the assumed noise.
+
+    Without nuisances, in units of the RMS of that noise; NaN in rows that are not recorded.
+    """
     whitened = residual_without_nuisance(block)
-    return np.where(np.any(whitened, axis=0), whitened.mean(axis=0), np.nan)
+    weight = np.sum(block.sigma**-2.0, axis=0)
+    size = np.sqrt(np.mean(block.sigma**2, axis=0))
+    known = np.any(whitened, axis=0)
+    mean = np.where(known, np.sum(whitened / block.sigma, axis=0) / weight / size, np.nan)
+    return mean, 1.0 / (block.independent_share * weight * size**2)
 
 
 def noise_factors(predictable: Predictable) -> Array:

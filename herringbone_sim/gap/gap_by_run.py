@@ -83,16 +83,14 @@ def gap_of(
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
     row_noise = np.ones(1) if noise is None else np.sqrt(np.mean(np.square(noise), axis=0))
     by_fit = {
-        name: _blocks(machines[name], metric, fit, offsets)
+        name: _blocks(machines[name], metric, fit, row_noise, offsets)
         for name, fit in after.items()
         if fit is not None
     }
     errors = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
-    before = _blocks(machine, metric, None, offsets)
+    before = _blocks(machine, metric, None, row_noise, offsets)
     rms_by_fit = {
-        name: [
-            _residual_rms(b, e, row_noise, bounded) for b, e in zip(blocks, errors, strict=True)
-        ]
+        name: [_residual_rms(b, e, bounded) for b, e in zip(blocks, errors, strict=True)]
         for name, blocks in (*by_fit.items(), ("nominal", before))
     }
     nan = [(float("nan"),) * 2] * len(campaign.runs)
@@ -118,14 +116,16 @@ def _blocks(
     machine: GearMachine,
     metric: str,
     fit: FittedExplanation | None,
+    noise: Array,
     offsets: Array | None,
 ) -> list[Block | None]:
-    """Block of each run about an explanation; None without the observation.
+    """Block of each run about an explanation, by its actual noise; None without the observation.
 
     Args:
         machine: with the runs.
         metric: name of the observation.
         fit: of the explanation; None: the nominal gear.
+        noise: (R,) actual over assumed noise of each row of the observation, or (1,) of all.
         offsets: as in ``gap_of``.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
@@ -134,17 +134,21 @@ def _blocks(
         coefficients = (*extended.base, *(c for h in hypotheses for c in h.coefficients))
         fitted = amplitudes(coefficients, fit.score.mean, extended.runs, extended.rows)
     made = [b.get(metric) for b in extended.blocks(fitted, {}, (metric,))]
-    if offsets is None:
-        return made
     return [
-        b if b is None else with_offsets(b, _for_rows(offsets, b.residual.shape[1]), 1.0)
+        b
+        if b is None
+        else with_offsets(
+            b,
+            None if offsets is None else _for_rows(offsets, b.residual.shape[1]),
+            _for_rows(noise, b.residual.shape[1]),
+        )
         for b in made
     ]
 
 
 def _for_rows(values: Array, rows: int) -> Array:
     """Values (R,) of the rows of the fit runs; rows beyond those get their RMS."""
-    return np.pad(values, (0, rows - len(values)), constant_values=rms(values))
+    return np.pad(values[:rows], (0, max(0, rows - len(values))), constant_values=rms(values))
 
 
 def _sensor_errors(block: Block) -> Array:
@@ -154,22 +158,19 @@ def _sensor_errors(block: Block) -> Array:
     return np.asarray(block.residual - residual_without_nuisance(block) * block.sigma)
 
 
-def _residual_rms(
-    block: Block | None, errors: Array | None, noise: Array, bounded: bool
-) -> tuple[float, float]:
+def _residual_rms(block: Block | None, errors: Array | None, bounded: bool) -> tuple[float, float]:
     """RMS of the residual of a run and RMS of its noise; NaN without the observation.
 
     Args:
         block: of the run.
         errors: (n, R) error of the sensors in the residual; None without the observation.
-        noise: (R,) actual over assumed noise of each row of the observation.
         bounded: whether to bound the noise by the residual, of the force law by its white part.
     """
     if block is None or errors is None:
         return float("nan"), float("nan")
     known = np.any(block.residual != 0.0, axis=0)
     left = (block.residual - errors)[:, known]
-    floor = rms((block.sigma * _for_rows(noise, len(known)))[:, known])
+    floor = rms(block.sigma[:, known])
     if bounded:
         floor = min(floor, rms(left))
     if bounded and block.observation == force_law.NAME:

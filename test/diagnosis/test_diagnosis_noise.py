@@ -79,6 +79,27 @@ def test_small_offsets_and_rows_of_a_single_run_are_no_drift():
     assert offset_sds(alone) == {}
 
 
+def test_offsets_are_in_units_of_a_noise_that_varies():
+    """Half of the values have ten times the noise of the others; the offset is in one unit."""
+    rng = np.random.default_rng(3)
+    sigma = np.where(rng.random((1000, 1)) < 0.5, 1.0, 10.0)
+    true = np.array([3.0, -2.0, 0.5, -1.0])
+    of_runs = runs_with(np.zeros((4, 1)))
+    for of_run, offset in zip(of_runs, true, strict=True):
+        residual = sigma * rng.normal(size=(1000, 1)) + offset
+        of_run["law"] = replace(of_run["law"], residual=residual, sigma=sigma)
+    found = offset_sds(of_runs)["law"] * np.sqrt(np.mean(sigma**2))
+    assert found[0] == pytest.approx(np.std(true, ddof=1), rel=0.1)
+
+
+def test_more_noise_than_assumed_is_no_drift():
+    """White noise of twice the assumed size, 50 values a run."""
+    of_runs = runs_with(np.zeros((3, 12)), n=50)
+    assumed = [{"law": replace(b["law"], sigma=0.5 * b["law"].sigma)} for b in of_runs]
+    assert offset_sds(assumed)
+    assert offset_sds(assumed, {"law": np.full((3, 12), 2.0)}) == {}
+
+
 def test_an_allowed_offset_leaves_the_rest_of_the_noise():
     """One value of a thousand goes into the constant; without any, chi2 grows by its square."""
     of_run = runs_with(np.array([[1.5, 0.0]]))[0]["law"]

@@ -173,7 +173,9 @@ def test_displacements_of_a_second_set_of_encoders_are_dropped_where_the_sets_ag
     assert not found.x.recorded.any()
     assert found.u.complete
     assert without_computed(seen(second * np.r_[1.3, np.ones(8)])).x.complete
-    assert without_computed(run).x.complete
+    for overstated in (1.0, 1.5):
+        noisier = replace(run, x=replace(run.x, sigma=overstated * run.x.sigma))
+        assert without_computed(noisier).x.complete
 
 
 def test_an_encoder_that_is_missing_changes_no_error_of_the_others() -> None:
