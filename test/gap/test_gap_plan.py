@@ -44,13 +44,20 @@ def of_mesh() -> Plan:
 
 
 def left(sensors: Sequence[str], actives: Sequence[Active]) -> float:
-    """Squares that the nominal machine, tolerances fitted, leaves of a rig with effects."""
-    runs = []
-    for i, point in enumerate(TWO):
-        series = noisy(sampled({}, point, CYCLES, actives), 0.01, i)
-        names = tuple(n for n in series.names if n in ("t", "phase", *sensors))
-        runs.append(prepared(TimeSeries(series.times, series.columns(names), names), point))
-    return Search(GearMachine(Gear(runs))).null.in_sample
+    """Squares that the nominal machine, tolerances fitted, leaves of a rig with effects.
+
+    The mean over five draws of the noise: one draw scatters by a tenth.
+    """
+    motions = [sampled({}, point, CYCLES, actives) for point in TWO]
+    squares = []
+    for draw in range(5):
+        runs = []
+        for i, (point, motion) in enumerate(zip(TWO, motions, strict=True)):
+            series = noisy(motion, 0.01, 10 * draw + i)
+            names = tuple(n for n in series.names if n in ("t", "phase", *sensors))
+            runs.append(prepared(TimeSeries(series.times, series.columns(names), names), point))
+        squares.append(Search(GearMachine(Gear(runs))).null.in_sample)
+    return float(np.mean(squares))
 
 
 @pytest.mark.parametrize(
@@ -58,8 +65,7 @@ def left(sensors: Sequence[str], actives: Sequence[Active]) -> float:
     [
         # size: the parameter over that of the catalogue's curves; within: a factor. A rig's motion
         # changes with the effect, a force law does not: there the linear response is exact.
-        # Over five draws of the noise, recordings show 408 +- 18 where the plan tells 485.
-        (ONE_MESH, "mean_stiffness@sp/1/L:factor=0.95", 0.5, 1.3),
+        (ONE_MESH, "mean_stiffness@sp/1/L:factor=0.95", 0.5, 1.2),
         (ONE_MESH, "backlash_offset@sp/1/L:offset=2e-6", 0.4, 1.3),
         (SHAFTS, "backlash_offset@sp/1/L:offset=6e-6", 1.2, 2.0),
         (SHAFTS, "mean_stiffness@sp/1/L:factor=0.9", 1.0, 2.0),
