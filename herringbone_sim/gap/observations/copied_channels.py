@@ -75,7 +75,7 @@ def without_computed(run: PreparedRun) -> PreparedRun:
     """
     x = run.model.layout.channels_of("x")
     second_set = _has_second_encoders(run)
-    run = _without_computed_rates(run)
+    run = _without_repeats(run)
     return without_channels(run, x) if second_set else run
 
 
@@ -106,7 +106,7 @@ def _has_second_encoders(run: PreparedRun) -> bool:
     return float(eigh(lower, upper, eigvals_only=True)[-1]) < DISAGREE
 
 
-def _without_computed_rates(run: PreparedRun) -> PreparedRun:
+def _without_repeats(run: PreparedRun) -> PreparedRun:
     """Return a run with x that repeats u, and v that repeats x or u, as not recorded."""
     layout = run.model.layout
     by_mesh, by_body = layout.channels_of("x"), layout.channels_of("u")
