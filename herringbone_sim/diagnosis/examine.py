@@ -290,20 +290,18 @@ def _offsets_by_drift(
     assumed = copy.copy(search)
     assumed.noise = {}
     observations = tuple(search.machine.functions)
-    offsets = offset_sds(_blocks_about(assumed, none, observations), search.noise)
+
+    def left_by(fit: FittedExplanation) -> tuple[dict[str, Array], float]:
+        return offset_sds(_blocks_about(assumed, fit, observations), search.noise)
+
+    offsets, explained = left_by(none)
     if not offsets:
         return {}
     for single in fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT):
-        found = offset_sds(_blocks_about(assumed, single, observations), search.noise)
-        if _explained_by(search, found) < _explained_by(search, offsets):
-            offsets = found
+        found, by_found = left_by(single)
+        if by_found < explained:
+            offsets, explained = found, by_found
     return offsets
-
-
-def _explained_by(search: Search, offsets: Mapping[str, Array]) -> float:
-    """Chi2 that offsets (R,) explain, by observation, summed over runs, rows and observations."""
-    counts = search.campaign.counts
-    return sum(counts[o] * float(np.mean(sds**2)) for o, sds in offsets.items())
 
 
 def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExplanation | None:

@@ -17,7 +17,7 @@ NOISE_QUANTILE = 0.25
 
 def offset_sds(
     blocks: Sequence[Mapping[str, Block]], noise: Mapping[str, Array] | None = None
-) -> dict[str, Array]:
+) -> tuple[dict[str, Array], float]:
     """Standard deviation, from run to run, of a constant error of each row.
 
     Drift of sensors gives each run another offset; an effect, or the bias of a sensor, gives all
@@ -29,8 +29,8 @@ def offset_sds(
         noise: (runs, R) actual over assumed noise, by observation; 1 where none is given.
 
     Returns:
-        (R,) in units of the RMS of the row's assumed noise, by observation; empty where offsets
-        are small.
+        (R,) in units of the RMS of the row's assumed noise, by observation, and the chi2 that the
+        offsets explain; empty and 0 where they are small.
     """
     sds: dict[str, Array] = {}
     explained = count = 0.0
@@ -49,7 +49,7 @@ def offset_sds(
         sds[o] = np.sqrt(variance)
         explained += values * float(((runs - 1) * variance / factor).sum())
         count += values * float(recorded.sum())
-    return sds if explained > MIN_GAIN_PER_VALUE * count else {}
+    return (sds, explained) if explained > MIN_GAIN_PER_VALUE * count else ({}, 0.0)
 
 
 def _means(block: Block) -> tuple[Array, Array]:

@@ -127,7 +127,9 @@ class Search:
         made = self.machine.blocks(amplitudes, wanted, observations)
         return [
             {
-                o: with_offsets(b, self.offsets.get(o), self.noise[o][r] if o in self.noise else 1)
+                o: with_offsets(
+                    b, self.offsets.get(o), self.noise[o][r] if o in self.noise else None
+                )
                 for o, b in of_run.items()
             }
             for r, of_run in enumerate(made)
@@ -296,19 +298,23 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     return a
 
 
-def with_offsets(block: Block, offsets: Array | None, noise: Array | float) -> Block:
-    """Copy with a constant as one more nuisance of each row, and the noise times a factor (R,).
+def with_offsets(block: Block, offsets: Array | None, noise: Array | None) -> Block:
+    """Block with a constant as one more nuisance of each row, and its noise times a factor (R,).
 
     Args:
-        offsets: (R,) prior standard deviation of the constant, over the block's noise; None: none.
+        offsets: (R,) prior standard deviation of the constant, over the block's noise; None: no
+            constant.
+        noise: (R,) factor on the block's noise; None: 1.
     """
-    if offsets is None:
-        return replace(block, sigma=block.sigma * noise)
+    sd = None if offsets is None else np.sqrt(np.mean(block.sigma**2, axis=0))
+    if noise is not None:
+        block = replace(block, sigma=block.sigma * noise)
+    if offsets is None or sd is None:
+        return block
+    sd = np.maximum(offsets, NO_OFFSET) * sd
     constant = np.ones((*block.residual.shape, 1))
-    sd = np.maximum(offsets, NO_OFFSET) * np.sqrt(np.mean(block.sigma**2, axis=0))
     return replace(
         block,
-        sigma=block.sigma * noise,
         nuisance=np.concatenate([block.nuisance, constant], axis=2),
         nuisance_sd=np.column_stack([block.nuisance_sd, sd]),
     )
