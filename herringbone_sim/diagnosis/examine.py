@@ -75,7 +75,7 @@ class Examination:
             best ``pair``, by these keys and by observation.
         noise: (runs, R) factor on the assumed noise, by observation; empty if noise was known.
         offsets: (R,) standard deviation, from run to run, of a constant error of a row over the
-            assumed noise, by observation; empty if noise was known or there are none.
+            assumed noise, by observation; empty if there are none.
         machine: the given one, or its copy with more values if those were used.
     """
 
@@ -110,7 +110,7 @@ def examine(
     machine = in_best_orders(search, catalogue)
     search = search.with_machine(machine)
     search, ranked = rank(search, catalogue, None)
-    if not noise_known and not machine.estimates_states:
+    if not machine.estimates_states:
         offsets = _offsets_by_drift(search, none, ranked)
         if offsets:
             say("drift")

@@ -25,6 +25,7 @@ from herringbone_sim.gap.residuals.other_gear import (
     unexplained_force_shares,
 )
 from herringbone_sim.gap.sensors.detrended import settle_detrended
+from herringbone_sim.gap.sensors.noise import without_wrong_noise
 
 FEWEST_CYCLES = 8.0  # shortest usable run in mesh cycles
 SHORT = 0.5  # fraction of the median number of mesh cycles below which a run is reported
@@ -55,6 +56,8 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
         in_si.append(run)
     in_si = settle_detrended(in_si)
     runs = _without_fatal(in_si, runs_with_other_geometry(in_si), findings)
+    campaign, noise_ratio = without_wrong_noise(replace(campaign, runs=tuple(runs)))
+    runs = list(campaign.runs)
     fused = {run.name: fuse(run) for run in runs}
     shares = {r.name: _finite_shares(r, fused[r.name]) for r in runs if r.F.recorded.any()}
     shares = {name: share for name, share in shares.items() if share.size}
@@ -66,7 +69,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
     findings += [nominal] if nominal else []
     runs = _same_channel_class(runs, fused, findings)
     campaign = replace(campaign, runs=tuple(runs))
-    return campaign, (*findings, *_limits(campaign))
+    return campaign, (*findings, *_limits(campaign, noise_ratio))
 
 
 def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:
@@ -232,15 +235,23 @@ def _channel_class(run: PreparedRun, fused: Fused) -> int:
     return MOVING if fused.known_meshes.all() else FEW
 
 
-def _limits(campaign: PreparedCampaign) -> list[Finding]:
+def _limits(campaign: PreparedCampaign, noise_ratio: float) -> list[Finding]:
     """Findings on what limits the results: unknown noise, roles, number of runs, quantities.
 
     Fatal if there is no run of role ``fit``.
+
+    Args:
+        noise_ratio: noise over what the campaign gave; 1 if it gave none, or the same.
     """
     findings = []
     if not campaign.noise_known:
+        reason = "campaign.yaml gives no noise"
+        if noise_ratio != 1.0:
+            reason = (
+                f"channels have {noise_ratio:.2g} times the white noise that campaign.yaml gives"
+            )
         text = (
-            "campaign.yaml gives no noise: it was estimated from spectra, from the consistency of "
+            f"{reason}: it was estimated from spectra, from the consistency of "
             "the channels and from the residual of the force law; smaller effects are not seen, "
             "and closure is as uncertain as this estimate"
         )

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gap_support import prepared, sampled
+from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
 
+from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.geometry import bodies_to_meshes
 from herringbone_sim.gap.data.noise import resolution
+from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.other_gear import geometry_scales
-from herringbone_sim.gap.sensors.noise import with_estimated_noise
+from herringbone_sim.gap.sensors.noise import with_estimated_noise, without_wrong_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
@@ -84,3 +86,25 @@ def test_noise_of_encoders_makes_no_other_gear_of_a_nearly_harmonic_motion(
     measured = measured.with_measured("x", replace(run.x, values=x))
     scales = np.array(geometry_scales(measured))
     assert np.all(np.isnan(scales) | (np.abs(scales - [1.0, 0.0]) < 0.15))
+
+
+@pytest.mark.parametrize("channels", [None, ("u_s_L", "u_s_R", "u_c")])
+@pytest.mark.parametrize(("given", "contradicted"), [(0.01, True), (0.005, False), (0.003, True)])
+def test_noise_that_the_recording_contradicts_counts_as_not_given(
+    channels: tuple[str, ...] | None, given: float, contradicted: bool
+) -> None:
+    """The noise is 0.005 of the RMS. From shafts alone only the upper bound by spectra is seen."""
+    series = noisy(sampled({}, POINTS[0]), 0.005, 3)
+    if channels:
+        names = (*series.names[:5], *channels)
+        series = TimeSeries(series.times, np.stack([series[n] for n in names], axis=1), names)
+    run = prepared(series, POINTS[0], share=given)
+    campaign, ratio = without_wrong_noise(PreparedCampaign("rig", NOMINAL, (run,), ()))
+    if channels and given < 0.005:
+        assert campaign.noise_known
+        return
+    assert campaign.noise_known is not contradicted
+    assert ratio == pytest.approx(0.005 / given if contradicted else 1.0, rel=0.1)
+    if contradicted:
+        u, actual = campaign.runs[0].u, run.u.sigma * 0.005 / given
+        np.testing.assert_allclose(u.sigma[u.recorded], actual[u.recorded], rtol=0.2)

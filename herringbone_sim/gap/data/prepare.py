@@ -14,6 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError, listed
 from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
+from herringbone_sim.gap.data.length import usable_part
 from herringbone_sim.gap.data.noise import (
     at_least_quantisation,
     quantisation_noise,
@@ -128,7 +129,7 @@ def prepare_run(
     noise_share: float | None,
     sensors: Sensors | None = None,
 ) -> PreparedRun:
-    """Lay out one run as arrays: its longest unbroken part, without unusable channels.
+    """Lay out one run as arrays: the middle of its longest unbroken part, usable channels.
 
     Args:
         run: path, role and operating point.
@@ -147,6 +148,7 @@ def prepare_run(
     part, break_findings = longest_part(name, samples)
     model = build(nominal.changed(run.point))
     layout = model.layout
+    part, length_findings = usable_part(name, part, nominal.z_r)
     centred = detrended_rotations(samples, layout.channels_of("u"))  # any part of it has a mean
     units = declared_units(recording)
     part, unit_findings = without_angles_not_in_rad(name, part, units)
@@ -178,6 +180,7 @@ def prepare_run(
             *_reader_findings(name, recording),
             *wrap_findings,
             *break_findings,
+            *length_findings,
             *unit_findings,
             *_unknown_channels(name, series, layout),
             *findings,

@@ -1,4 +1,4 @@
-"""Estimate channel noise when campaign.yaml gives none, from consistency and the force law.
+"""Estimate channel noise from consistency and the force law; check what campaign.yaml gives.
 
 The spectrum of a channel contains motion up to its highest frequencies, but misses quantisation
 errors that lie in spectral lines. The residuals of x, u and v about the geometry contain no
@@ -12,15 +12,59 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.core.layout import QUANTITIES
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.noise import at_least_quantisation, spectral_floor
-from herringbone_sim.gap.data.prepared import Measured, PreparedRun
+from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 
 COPY = 1e-3  # residual over noise below which channels were computed from one another
 LEAST = 0.3  # least noise of a force over that from its spectrum
+# White noise over all noise, of sensors whose drift and hum are half of the noise that is given
+# (lower limit) or come on top of it (upper limit); data sheet.
+WHITE_SHARES = np.sqrt(0.75), np.sqrt(1.25)
+
+
+def without_wrong_noise(campaign: PreparedCampaign) -> tuple[PreparedCampaign, float]:
+    """Campaign whose noise is unknown, if recordings contradict the noise that it gives.
+
+    Returns:
+        The campaign, and the actual noise over the given one; 1 where they agree.
+    """
+    if not (campaign.noise_known and campaign.runs):
+        return campaign, 1.0
+    ratio = float(np.median([_actual_over_given(run) for run in deciding(campaign.runs)]))
+    if WHITE_SHARES[0] <= ratio <= WHITE_SHARES[1]:
+        return campaign, 1.0
+    runs = tuple(map(_with_noise_of_spectra, campaign.runs))
+    return replace(campaign, runs=runs, noise_known=False), ratio
+
+
+def _actual_over_given(run: PreparedRun) -> float:
+    """White noise of a run over the noise assumed; where only spectra show it, at most 1."""
+    by_geometry = [_noise_ratio(residual) for residual, _ in geometric_residuals(run)]
+    found = [ratio for ratio in by_geometry if ratio != 1.0]
+    if found:
+        return float(np.median(found))
+    shares = [
+        (at_least_quantisation(spectral_floor(m.values), m.values) / m.sigma)[m.recorded]
+        for m in (getattr(run, q) for q in QUANTITIES)
+        if m.recorded.any()
+    ]
+    return min(1.0, float(np.median(np.concatenate(shares)))) if shares else 1.0
+
+
+def _with_noise_of_spectra(run: PreparedRun) -> PreparedRun:
+    """Run with the noise of every channel as its spectrum shows it."""
+    for q in QUANTITIES:
+        m: Measured = getattr(run, q)
+        if m.recorded.any():
+            sigma = at_least_quantisation(spectral_floor(m.values), m.values)
+            sigma = np.where(m.recorded, sigma, np.nan)
+            run = run.with_measured(q, Measured(m.values, m.recorded, sigma))
+    return run
 
 
 def with_estimated_noise(run: PreparedRun) -> PreparedRun:
