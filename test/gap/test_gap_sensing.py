@@ -303,6 +303,23 @@ def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
         assert plan.noise.parts["filter"]["delay_s"] < late[0] <= longest_delay(runs[0])
 
 
+def test_the_control_is_not_behind_the_filter_of_the_channels() -> None:
+    """A healthy rig by encoders behind a filter: x is worked out of u, so that only the law and
+    the control tell the delay; in the fastest runs alone it is hardly seen."""
+    plan = draw_plan(690011, "none", d=0.0, channels="full", noise=RequestedNoise("mixture"))
+    of_filter = plan.noise.parts["filter"]
+    campaign = as_prepared(make_campaign(plan))
+    runs = [without_computed(with_estimated_noise(r)) for r in campaign.of_role("fit")]
+    found = remove_common_delay(runs, (0.05,) * 12)
+    late_s = found[0].delay_rad / found[0].omega_rad_per_s
+    lag_s = 1.0 / (of_filter["corner"] * runs[0].model.scales.omega_n)
+    assert late_s == pytest.approx(of_filter["delay_s"] + lag_s, rel=0.25)
+    null = Search(GearMachine(Gear(found, gain_tolerance=(0.05,) * 12))).null
+    by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
+    assert abs(by_name["delay of K"] + late_s - of_filter["delay_s"] - lag_s) < 5e-7
+    assert null.in_sample < 1.2 * null.count
+
+
 def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     """Behind a filter the calibrated gear of a healthy rig leaves its noise, its column is what
     its corner says, and x holds as much of e(t) as a filter of that order passes."""

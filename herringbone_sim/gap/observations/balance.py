@@ -27,7 +27,12 @@ from herringbone_sim.gap.observations.body_motion import rigid_rotation
 from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
-from herringbone_sim.gap.residuals.balance import inertia_parts, load_accelerations, window_of
+from herringbone_sim.gap.residuals.balance import (
+    control_acceleration,
+    inertia_parts,
+    load_accelerations,
+    window_of,
+)
 
 NAME = "torque_balance"
 # Error of ``quadrature_n`` counted as noise: variance over its mean square (20 % RMS); chosen.
@@ -41,6 +46,8 @@ REVERSAL_KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
 NEAR = tuple(f"near {i}" for i in range(2 * len(REVERSAL_KNOTS)))
 ELASTIC = "elastic"  # part of friction by which it follows the spring force instead of all of F
 LOAD = "load"  # what the load is smaller by, as the rotation is steady
+# Control wave at its phase, and a quarter of a mesh cycle late.
+CONTROL = ("control", "control late")
 OF_COULOMB = ("sign", "lever", LOAD)
 # Shapes of friction over the mesh cycle: direction of sliding, lever arm, load, free departures.
 FRICTION = (*OF_COULOMB, "sin 1", "sin 2", "cos 1", "cos 2", *NEAR, ELASTIC)
@@ -63,7 +70,7 @@ def function_names(
         on_bodies: names of functions that are forces on the carrier.
     """
     meshes = model.layout.meshes
-    names = [*MASSES, "quadrature", "constant"]
+    names = [*MASSES, "quadrature", "constant", *CONTROL]
     names += [f"{what} of {j}" for what in ("F", "slope", "clock") for j in range(len(meshes))]
     names += [f"friction {g} of {j}" for j in range(len(meshes)) for g in FRICTION]
     names += [f"ripple {q} {trig}" for q in RIPPLES for trig in ("cos", "sin")]
@@ -288,6 +295,8 @@ def _columns(
     shapes = friction_shapes(m.phase)
     turn = cycles_per_shaft_turn(run.model)["s"]
     made: dict[str, Callable[[], Array]] = {"constant": partial(np.ones, len(m.phase))}
+    for name, late_rad in zip(CONTROL, (0.0, np.pi / 2.0), strict=True):
+        made[name] = partial(control_acceleration, run, late_rad)
 
     def friction(j: int, shape: str) -> Array:
         return friction_of_mesh(shape, shapes, force[:, j], law.k[:, j] * law.f[:, j])

@@ -8,22 +8,23 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
+from herringbone_sim.gap.residuals.balance import control_wave
 
 
 def body_loads(model: Model, phase: Array) -> Array:
     """Forces (n, 9) [N] on the bodies by T_1, T_2 and the control at mesh phases (n,) [rad]."""
-    p, sc, packed = model.parameters, model.scales, model.packed
+    p, sc = model.parameters, model.scales
     tau = np.zeros((len(phase), len(model.layout.bodies)))
     tau[:, :2] = p.T_1 / (2.0 * sc.r_bs)
-    control = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
-    tau[:, 2] = -sc.T_2 / sc.r_bc + control * control_wave(model, phase)
+    tau[:, 2] = -sc.T_2 / sc.r_bc + control_force(model, phase)
     return tau
 
 
-def control_wave(model: Model, phase: Array) -> Array:
-    """Control torque over its amplitude at mesh phases (n,) [rad], Eq. (20)."""
-    packed = model.packed
-    return np.asarray(np.cos(packed.control_order * phase + packed.control_phase))
+def control_force(model: Model, phase: Array, late_rad: float = 0.0) -> Array:
+    """Force (n,) [N] on the carrier by the control, see ``control_wave``."""
+    sc = model.scales
+    size = model.packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
+    return np.asarray(size * control_wave(model, phase, late_rad))
 
 
 def rigid_moment(run: PreparedRun, phase: Array) -> Array:
@@ -38,12 +39,10 @@ def rigid_moment(run: PreparedRun, phase: Array) -> Array:
     Args:
         phase: (n,) recorded mesh phase [rad]; the control is evaluated ``run.delay_rad`` earlier.
     """
-    sc, packed = run.model.scales, run.model.packed
-    push = packed.K * sc.b_c * sc.omega_n**2 / sc.cos_beta * sc.M_c
-    turn = packed.control_order * run.omega_rad_per_s
+    turn = run.model.packed.control_order * run.omega_rad_per_s
     if turn == 0.0:
         return np.zeros(len(phase))
-    return np.asarray(-push * control_wave(run.model, phase - run.delay_rad) / turn**2)
+    return np.asarray(-control_force(run.model, phase - run.delay_rad) / turn**2)
 
 
 def rigid_swing(run: PreparedRun) -> Array:

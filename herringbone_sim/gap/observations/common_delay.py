@@ -8,23 +8,29 @@ single meshes or sensors explains more.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from herringbone_sim.diagnosis.search import Search
+from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.sensors.filter_delay import (
+    MOST_UNEXPLAINED,
     compensate_filter,
     longest_delay,
     with_delayed_waves,
 )
 
 STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
-N_STRETCHES = 2  # runs used: the fastest, where a delay is largest as a phase
+# Runs used: the fastest, where a delay is largest as a phase, and that with the largest control.
+N_STRETCHES = 2
+N_WINDOWS = 6  # windows of each run where states are estimated, chosen for run time
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
 # Chi2 per value up to which the calibrated gear without effects fits: what it lacks is no larger
 # than the noise (d = 1).
@@ -47,12 +53,15 @@ def remove_common_delay(
     fit = deciding(runs)
     if any(run.u.complete and run.x.recorded.any() for run in fit):
         return compensate_filter(runs)
-    fastest = sorted(fit, key=lambda run: -run.omega_rad_per_s)[:N_STRETCHES]
-    stretches = [_stretch(run) for run in fastest]
-
+    by_speed = sorted(fit, key=lambda run: -run.omega_rad_per_s)
+    controlled = max(fit, key=lambda run: run.point["K"] * run.omega_rad_per_s)
+    used = {run.name: run for run in (*by_speed[:N_STRETCHES], controlled)}
+    stretches = [_stretch(run) for run in used.values()]
     gear = Gear(stretches)
-    if gear.uses_windows or not GearMachine(gear).observation_names:
+    if not GearMachine(gear).observation_names:
         return tuple(runs)
+    if gear.uses_windows:
+        return _by_windows(runs, tuple({r.name: r for r in (by_speed[0], controlled)}.values()))
 
     def null(delay: float) -> Search:
         gear = Gear(
@@ -66,8 +75,6 @@ def remove_common_delay(
         return score.in_sample / score.count
 
     search = null(0.0)
-    if search.null.in_sample < NULL_FITS_CHI2 * search.null.count:
-        return tuple(runs)
     optimum = minimize_scalar(
         chi2_per_value, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
     )
@@ -77,6 +84,45 @@ def remove_common_delay(
     if optimum.fun * search.null.count < search.null.in_sample + min(shift_chi2, 0.0):
         return tuple(with_delayed_waves(run, float(optimum.x)) for run in runs)
     return tuple(runs)
+
+
+def _by_windows(
+    runs: Sequence[PreparedRun], used: Sequence[PreparedRun]
+) -> tuple[PreparedRun, ...]:
+    """Delay the waves of ``runs`` by what windows of the runs ``used`` leave least with.
+
+    Unchanged unless that removes most of the residual: what is left is fitted with the tolerances.
+    """
+
+    def left(run: PreparedRun, delay: float) -> float:
+        """Mean square of the residual over the noise, under the nominal law."""
+        trajectory = Trajectory(with_delayed_waves(run, delay), N_WINDOWS)
+        channels, residual_rms = trajectory.recorded.channels, trajectory.noise_left()
+        squares = [
+            (residual_rms[name] / sigma) ** 2
+            for name, sigma in zip(channels.names, channels.sigma, strict=True)
+            if name in residual_rms
+        ]
+        return float(np.mean(squares)) if squares else np.inf
+
+    before = parallel_map(partial(left, delay=0.0), used)
+
+    def share(delay: float) -> float:
+        """What is left at a delay [s] over what is left without one, mean over the runs."""
+        return float(np.mean(np.divide(parallel_map(partial(left, delay=delay), used), before)))
+
+    longest = longest_delay(runs[0])
+    step = longest / 4.0
+    first = share(step)
+    if not first < 1.0:
+        return tuple(runs)
+    second = share(2.0 * step)
+    bend = 1.0 - 2.0 * first + second  # the vertex of the parabola through the three
+    delay = step * (1.0 - 0.5 * (second - 1.0) / bend) if bend > 0.0 else longest
+    delay = float(np.clip(delay, 0.0, longest))
+    if not share(delay) < MOST_UNEXPLAINED:
+        return tuple(runs)
+    return tuple(with_delayed_waves(run, delay) for run in runs)
 
 
 def _stretch(run: PreparedRun) -> PreparedRun:

@@ -19,7 +19,6 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.data.geometry import forces_to_coordinates
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.body_motion import control_wave
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import (
@@ -31,6 +30,7 @@ from herringbone_sim.gap.observations.law import (
     select_meshes,
 )
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
+from herringbone_sim.gap.residuals.balance import control_wave
 
 # Range of a parameter's logarithm about its value in the grid, 1.5 decades; chosen.
 MAX_LOG_OFFSET = np.log(30.0)

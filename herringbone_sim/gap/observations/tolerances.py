@@ -9,7 +9,8 @@ from herringbone_sim.effects.site import is_ring
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder, Weights
 from herringbone_sim.gap.observations.common_filter import MAX_FILTER_COEFFICIENTS
-from herringbone_sim.gap.residuals.balance import inertia_parts
+from herringbone_sim.gap.residuals.balance import control_directions, inertia_parts
+from herringbone_sim.gap.sensors.filter_delay import CORNER
 
 GAUGE_GAIN_TOLERANCE = 0.05  # gain of a strain gauge, by data sheet
 
@@ -17,8 +18,9 @@ GAUGE_GAIN_TOLERANCE = 0.05  # gain of a strain gauge, by data sheet
 def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
     """Coefficients of every hypothesis: departures of a healthy rig from its data sheet.
 
-    They are k, c and e of sun and ring meshes, delays of k and e, common filter, quadrature error
-    of the balance, masses, gains of force channels. Bounds: data sheet, or campaign (force gains).
+    They are k, c and e of sun and ring meshes, delays of k and e, common filter, its delay and
+    attenuation against the control, quadrature error of the balance, masses, gains of force
+    channels. Bounds: data sheet, or campaign (force gains).
     """
     gear = builder.gear
     ring = is_ring(gear.model.layout)
@@ -38,6 +40,7 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
     for i, largest in enumerate(MAX_FILTER_COEFFICIENTS):
         name = f"filter {i + 1}"
         coefficients.append(builder.coefficient(name, {name: 1.0}, 0.5 * largest, largest))
+    coefficients += _filtered_control(builder)
     of_quadrature: Weights = {(balance.NAME, "quadrature"): 1.0}
     coefficients.append(builder.coefficient("quadrature", of_quadrature, 0.3, 1.0))
     for mass in balance.MASSES:
@@ -58,6 +61,26 @@ def tolerances(builder: CoefficientBuilder) -> tuple[Coefficient, ...]:
                 builder.coefficient(f"gain {j}", weights, tolerance / 3**0.5, tolerance)
             )
     return tuple(coefficients)
+
+
+def _filtered_control(builder: CoefficientBuilder) -> list[Coefficient]:
+    """Coefficients of delay and attenuation by a filter of all channels: control is not filtered.
+
+    The attenuation is that of a filter of first order with the lowest corner of the data sheet.
+    """
+    gear, packed = builder.gear, builder.gear.model.packed
+    along = control_directions(gear.model)
+    turn = gear.omegas[:, None] * packed.control_order
+    share = 0.5 * (turn / (CORNER * gear.model.scales.omega_n)) ** 2
+    wave, late = balance.CONTROL
+    delay: Weights = {(balance.NAME, late): turn * along}
+    fall: Weights = {(balance.NAME, wave): -share * along}
+    for o in builder.window_observation:
+        delay[o, late], fall[o, wave] = turn, -share
+    return [
+        builder.coefficient("delay of K", delay, 2.5e-6, 5e-6),
+        builder.coefficient("share of K", fall, 0.5, 1.0),
+    ]
 
 
 def _force_gain(builder: CoefficientBuilder, j: int) -> Weights:

@@ -16,7 +16,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
-from herringbone_sim.gap.observations.body_motion import body_loads
+from herringbone_sim.gap.observations.body_motion import body_loads, control_force
 from herringbone_sim.gap.observations.consistency import ERROR_KINDS
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
 from herringbone_sim.gap.observations.law import Law, MeshMotion
@@ -33,14 +33,15 @@ from herringbone_sim.gap.observations.windows import STEP_RAD, Windows
 def function_names(
     model: Model, laws: Sequence[Function], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Names of all columns: masses, channel errors, swaps, friction, ripple, law, carrier.
+    """Names of all columns: masses, control, channels, swaps, friction, ripple, law, carrier.
 
     Args:
         laws: functions of the force law, and those on the carrier.
         channels: names of the channels to which windows are fitted.
     """
     meshes = range(model.layout.n_mesh)
-    names = [*balance.MASSES, *(f"{e} of {c}" for c in channels for e in ERROR_KINDS)]
+    names = [*balance.MASSES, *balance.CONTROL]
+    names += [f"{e} of {c}" for c in channels for e in ERROR_KINDS]
     names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
     names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
@@ -70,7 +71,8 @@ def body_forces(
     Args:
         m, now: motion of the meshes, and the force law there.
         names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
-            or ``sin``: by 1 N m of input torque; names of ``on_carrier``. Others are skipped.
+            or ``sin``: by 1 N m of input torque; ``CONTROL``: the nominal control; names of
+            ``on_carrier``. Others are skipped.
         on_carrier: functions that are forces [N] on the carrier.
     """
     of_carrier = {f.name: f for f in on_carrier}
@@ -79,6 +81,7 @@ def body_forces(
     turn = cycles_per_shaft_turn(model)["s"]
     drive = np.zeros(STATES // 2)
     drive[:2] = 0.5 / model.scales.r_bs
+    carrier = np.eye(STATES // 2)[2]
     for name in names:
         kind, *words = name.split(" ")
         if kind == "friction":
@@ -93,8 +96,11 @@ def body_forces(
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
+        elif name in balance.CONTROL:
+            late_rad = 0.5 * np.pi * balance.CONTROL.index(name)
+            yield BodyForce(name, carrier, control_force(model, m.phase, late_rad))
         elif name in of_carrier:
-            yield BodyForce(name, np.eye(STATES // 2)[2], of_carrier[name].values(m, now))
+            yield BodyForce(name, carrier, of_carrier[name].values(m, now))
 
 
 def window_columns(

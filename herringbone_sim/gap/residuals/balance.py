@@ -225,9 +225,29 @@ def load_accelerations(run: PreparedRun) -> Array:
     load = np.zeros((3, len(run), model.layout.n_coordinate))
     load[0, :, :2] = p.T_1 / (2.0 * s.r_bs) * s.cos_beta * packed.inv_M_s
     output = s.T_2 * s.cos_beta / (s.r_bc * s.M_c)
-    wave = np.cos(packed.control_order * (run.phase - run.delay_rad) + packed.control_phase)
-    control = -packed.K * s.b_c * s.omega_n**2 * wave[:, None]
-    per_planet = model.layout.n_classes
-    load[2, :, :2] = 2.0 * output + control * packed.control_q
-    load[2, :, 2:] = output + control * np.repeat(packed.control_r, per_planet)
+    load[2, :, :2] = 2.0 * output
+    load[2, :, 2:] = output
+    load[2] += control_acceleration(run)[:, None] * control_directions(model)
     return load
+
+
+def control_wave(model: Model, phase: Array, late_rad: float = 0.0) -> Array:
+    """Control torque over its amplitude at mesh phases (n,) [rad], Eq. (20).
+
+    Args:
+        late_rad: by how much the torque lags behind, as a phase of its own.
+    """
+    packed = model.packed
+    return np.asarray(np.cos(packed.control_order * phase + packed.control_phase - late_rad))
+
+
+def control_acceleration(run: PreparedRun, late_rad: float = 0.0) -> Array:
+    """Acceleration (n,) [m/s^2] by the control along ``control_directions``."""
+    s, wave = run.model.scales, control_wave(run.model, run.phase - run.delay_rad, late_rad)
+    return np.asarray(-run.model.packed.K * s.b_c * s.omega_n**2 * wave)
+
+
+def control_directions(model: Model) -> Array:
+    """Accelerations (m,) of z by a unit of ``control_acceleration``."""
+    of_planets = np.repeat(model.packed.control_r, model.layout.n_classes)
+    return np.concatenate([np.broadcast_to(model.packed.control_q, 2), of_planets])
