@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
+from herringbone_sim.arrays import Flags
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import (
@@ -45,8 +46,8 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
     A recorder computes channels alike in every run, but a single run may not show it. So, if in
     most fit runs most recorded channels of a quantity are copies, its channels are dropped, except
-    those that are recorded and no copy in one of these runs. Rates that remain get the noise that
-    ``without_computed`` gives them.
+    those that are recorded and no copy in one of these runs. Rates that remain are those, with the
+    noise, that ``without_computed`` gives.
     """
     gone: list[str] = []
     reduced_runs = [without_computed(run) for run in runs]
@@ -61,7 +62,7 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
             dropped = (lost | ~was)[shows].all(axis=0) & lost[shows].any(axis=0)
             gone += [name for name, out in zip(layout.channels_of(q), dropped, strict=True) if out]
     return tuple(
-        without_channels(with_rate_noise(run, reduced.v.sigma), tuple(gone))
+        without_channels(_with_rates(run, reduced), tuple(gone))
         for run, reduced in zip(runs, reduced_runs, strict=True)
     )
 
@@ -121,18 +122,50 @@ def _without_repeats(run: PreparedRun) -> PreparedRun:
     ]
     sources = [(run.x.values + run.waves.e, run.x.sigma**2)]
     sources += [(to_meshes(D, z), mesh_sigma(D, P) ** 2) for z, P in estimates]
-    disagreements = [(_disagreement(run, x, of_x), of_x) for x, of_x in sources]
+    disagreements = [(_disagreement(run, x, of_x), x, of_x) for x, of_x in sources]
     if not run.v.recorded.any():
         return run
-    share, of_x = min(disagreements, key=lambda pair: _median(run, pair[0]))
+    share, x, of_x = min(disagreements, key=lambda found: _median(run, found[0]))
     if _median(run, share) < COPY_SHARE:
         # A rate that disagrees although the others are copies has an error: it stays recorded,
         # with the noise of a slope.
+        run = _without_difference_errors(run, x, share < COPY_SHARE)
         shares = zip(layout.channels_of("v"), share, strict=True)
         run = without_channels(run, tuple(name for name, off in shares if off < COPY_SHARE))
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
         run = with_rate_noise(run, np.fmax(run.v.sigma, of_slope))
     return run
+
+
+def _without_difference_errors(
+    run: PreparedRun, x: NDArray[np.float64], copies: Flags
+) -> PreparedRun:
+    """Return a run with rates by a spline through ``x``, if ``copies`` are central differences.
+
+    The error of a rate stays: the difference of the two slopes is added to what was recorded.
+
+    Args:
+        x: (n, n_mesh) displacements that the rates were worked out of [m].
+        copies: (n_mesh,) rates known to be worked out.
+    """
+    times = np.arange(len(x)) * run.step_s
+    central = np.gradient(x, run.step_s, axis=0)
+    known = np.isfinite(x).all(axis=0) & run.v.recorded
+    spline = np.full_like(x, np.nan)
+    spline[:, known] = CubicSpline(times, x[:, known]).derivative()(times)
+    rate = run.v.values + run.waves.e_rate
+    by_central, by_spline = (_rms((slope - rate)[8:-8, copies]) for slope in (central, spline))
+    if not by_central < by_spline:
+        return run
+    values = np.where(known, run.v.values + spline - central, run.v.values)
+    return replace(run, v=replace(run.v, values=values))
+
+
+def _with_rates(run: PreparedRun, reduced: PreparedRun) -> PreparedRun:
+    """Copy of a run with the rates and their noise that ``without_computed`` left recorded."""
+    values = np.where(reduced.v.recorded, reduced.v.values, run.v.values)
+    run = replace(run, v=replace(run.v, values=values))
+    return with_rate_noise(run, reduced.v.sigma)
 
 
 def with_rate_noise(run: PreparedRun, sigma: NDArray[np.float64]) -> PreparedRun:

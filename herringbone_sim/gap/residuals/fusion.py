@@ -84,22 +84,32 @@ def fuse(run: PreparedRun) -> Fused:
     )
 
 
-def displacement(run: PreparedRun) -> tuple[Array, Array]:
-    """Estimate z (n, m) [m] from x and u, sample by sample, and its noise covariance (m, m)."""
+def displacement(run: PreparedRun, wanted: Array | None = None) -> tuple[Array, Array]:
+    """Estimate z (n, m) [m] from x and u, sample by sample, and its noise covariance (m, m).
+
+    Args:
+        wanted: (m', m) combinations of z to estimate in place of z.
+    """
     D = coordinates_to_meshes(run.model.layout)
     B = bodies_to_coordinates(run.model)
     rows = np.vstack([(D @ B)[run.x.recorded], np.eye(B.shape[1])[run.u.recorded]])
     sigma = np.concatenate([run.x.sigma[run.x.recorded], run.u.sigma[run.u.recorded]])
     seen = (run.x.values + run.waves.e)[:, run.x.recorded]
-    return least_squares(rows, sigma, np.hstack([seen, run.u.values[:, run.u.recorded]]), B)
+    values = np.hstack([seen, run.u.values[:, run.u.recorded]])
+    return least_squares(rows, sigma, values, B if wanted is None else wanted @ B)
 
 
-def velocity(run: PreparedRun) -> tuple[Array, Array]:
-    """Estimate dz/dt (n, m) [m/s] from v, sample by sample, and its noise covariance (m, m)."""
+def velocity(run: PreparedRun, wanted: Array | None = None) -> tuple[Array, Array]:
+    """Estimate dz/dt (n, m) [m/s] from v, sample by sample, and its noise covariance (m, m).
+
+    Args:
+        wanted: (m', m) combinations of dz/dt to estimate in its place.
+    """
     D = coordinates_to_meshes(run.model.layout)
     there = run.v.recorded
     seen = (run.v.values + run.waves.e_rate)[:, there]
-    return least_squares(D[there], run.v.sigma[there], seen, np.eye(D.shape[1]))
+    combinations = np.eye(D.shape[1]) if wanted is None else wanted
+    return least_squares(D[there], run.v.sigma[there], seen, combinations)
 
 
 def least_squares(rows: Array, sigma: Array, values: Array, wanted: Array) -> tuple[Array, Array]:

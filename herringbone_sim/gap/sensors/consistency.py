@@ -139,8 +139,9 @@ def relations(
     result = [
         Relation(*part, signals, np.ones(signals.shape[1])) for part in geometric_residuals(run)
     ]
-    z, P = displacement(run)
-    rate, V = velocity(run)
+    wanted = _combinations(run)
+    z, P = displacement(run, wanted)
+    rate, V = velocity(run, wanted)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
     if known.any():
         h, n = run.step_s, run.x.recorded.size
@@ -152,7 +153,7 @@ def relations(
         moved[:, n : 2 * n] = increments(flat, h).reshape(moved.shape)[:, n : 2 * n]
         noise = np.full(signals.shape[1], 2.0)
         noise[n : 2 * n] = of_rate
-        columns = white @ _channel_derivatives(run)[known]
+        columns = white @ _channel_derivatives(run, wanted)[known]
         result.append(Relation(residual[2:-2], columns, moved[2:-2], noise))
     return [relation for relation in result if relation.columns.size]
 
@@ -160,12 +161,13 @@ def relations(
 def increment_whitening(run: PreparedRun) -> Array:
     """Return a matrix (m, m) that whitens the increments of z minus the integral of dz/dt.
 
-    m counts the coordinates whose value and rate are known. The quadrature error counts as noise.
-    As it repeats with the motion, combinations in which its mean square is larger, beyond chance,
-    than the standard deviation of the mean square of noise are projected out: as many rows are
-    zero, the other rows remain as close to the whitened coordinates as possible.
+    m counts the ``_combinations`` whose value and rate are known. The quadrature error counts as
+    noise. As it repeats with the motion, combinations in which its mean square is larger, beyond
+    chance, than the standard deviation of the mean square of noise are projected out: as many rows
+    are zero, the other rows remain as close to the whitened coordinates as possible.
     """
-    (_, P), (rate, V) = displacement(run), velocity(run)
+    wanted = _combinations(run)
+    (_, P), (rate, V) = displacement(run, wanted), velocity(run, wanted)
     known = np.isfinite(np.diag(P)) & np.isfinite(np.diag(V))
     both = np.ix_(known, known)
     missed, scatter = quadrature_covariance(rate[:, known], V[both], run.step_s)
@@ -186,13 +188,30 @@ def increment_whitening(run: PreparedRun) -> Array:
     return projected
 
 
-def _channel_derivatives(run: PreparedRun) -> Array:
-    """Return derivatives of the m coordinates z, and of minus their rates, by the J channels.
+def _combinations(run: PreparedRun) -> Array:
+    """Combinations (m', m) of the coordinates z whose rates v determines: all of z if possible.
+
+    Otherwise those of single meshes with recorded and independent rates.
+    """
+    D = coordinates_to_meshes(run.model.layout)
+    single = D[run.v.recorded]
+    known = np.isfinite(np.diag(velocity(run)[1]))
+    rank = int(np.linalg.matrix_rank(single)) if len(single) else 0
+    if known.sum() == rank:
+        return np.eye(D.shape[1])
+    return np.asarray(single[np.sort(qr(single.T, mode="r", pivoting=True)[1][:rank])])
+
+
+def _channel_derivatives(run: PreparedRun, wanted: Array) -> Array:
+    """Return derivatives of combinations of z, and of minus their rates, by the J channels.
+
+    Args:
+        wanted: (m, s) combinations.
 
     Returns:
         (m, J): dz/dx and dz/du in the columns of x and u, -d(dz/dt)/dv in those of v (channels in
-        the order x, v, u); 0 for a channel that is not recorded, NaN in the row of a coordinate
-        whose value or rate the channels don't determine.
+        the order x, v, u); 0 for a channel that is not recorded, NaN in the row of a
+        combination whose value or rate the channels don't determine.
     """
     without_e = replace(run, waves=Waves(*(np.zeros((1, run.x.recorded.size)),) * 3))
     n, nu = run.x.recorded.size, run.u.recorded.size
@@ -207,7 +226,8 @@ def _channel_derivatives(run: PreparedRun) -> Array:
         v=unit(run.v, place[:, n : 2 * n]),
         u=unit(run.u, place[:, 2 * n :]),
     )
-    derivative: Array = (displacement(unit_values)[0] - velocity(unit_values)[0]).T
+    of_z, of_rate = displacement(unit_values, wanted)[0], velocity(unit_values, wanted)[0]
+    derivative: Array = (of_z - of_rate).T
     return derivative
 
 
