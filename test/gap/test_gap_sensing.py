@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_support import NOMINAL, rig, shortened, with_few_runs
+from gap_support import NOMINAL, POINTS, noisy, prepared, rig, sampled, shortened, with_few_runs
 from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array, rms
@@ -25,7 +25,6 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.gap_by_run import gap_of
 from herringbone_sim.gap.observations import balance, consistency
-from herringbone_sim.gap.observations.common_delay import remove_common_delay
 from herringbone_sim.gap.observations.copied_channels import drop_common_copies, without_computed
 from herringbone_sim.gap.observations.force_law import slope
 from herringbone_sim.gap.observations.gear import Gear
@@ -40,10 +39,8 @@ from herringbone_sim.gap.residuals.fusion import (
     velocity,
 )
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
-from herringbone_sim.gap.sensors.consistency import error_signals
+from herringbone_sim.gap.sensors.consistency import error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
-from herringbone_sim.gap.sensors.filter_delay import longest_delay
-from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.gap.verification.verify import RunGap
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -275,80 +272,6 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
     assert np.max(more / left) > 2.0
 
 
-@pytest.mark.parametrize(
-    ("truth", "noise", "channels"),
-    [
-        ("pin_position", "filtered", "x_and_F"),
-        ("none", "filtered", "no_force"),
-        ("stagger", "white", "x_and_F"),
-        ("planet_phase", "white", "x_and_F"),
-    ],
-)
-def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(
-    truth: str, noise: str, channels: str
-) -> None:
-    """A filter delays all channels, beside a large effect too; a stagger only some."""
-    plan = draw_plan(
-        3, truth, d=10.0, channels=channels, noise=RequestedNoise(noise), law="catalogue"
-    )
-    runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = remove_common_delay([without_computed(run) for run in runs], ())
-    late = [
-        (b.delay_rad - a.delay_rad) / a.omega_rad_per_s for a, b in zip(runs, found, strict=True)
-    ]
-    if noise == "white":
-        assert late == [0.0] * len(runs)
-    else:  # the same in all runs, no less than the filter's own delay
-        assert late == pytest.approx([late[0]] * len(runs))
-        assert plan.noise.parts["filter"]["delay_s"] < late[0] <= longest_delay(runs[0])
-
-
-def test_the_control_is_not_behind_the_filter_of_the_channels() -> None:
-    """A healthy rig by encoders behind a filter: x is worked out of u, so that only the law and
-    the control tell the delay; in the fastest runs alone it is hardly seen."""
-    plan = draw_plan(690011, "none", d=0.0, channels="full", noise=RequestedNoise("mixture"))
-    of_filter = plan.noise.parts["filter"]
-    campaign = as_prepared(make_campaign(plan))
-    runs = [without_computed(with_estimated_noise(r)) for r in campaign.of_role("fit")]
-    found = remove_common_delay(runs, (0.05,) * 12)
-    late_s = found[0].delay_rad / found[0].omega_rad_per_s
-    lag_s = 1.0 / (of_filter["corner"] * runs[0].model.scales.omega_n)
-    assert late_s == pytest.approx(of_filter["delay_s"] + lag_s, rel=0.25)
-    null = Search(GearMachine(Gear(found, gain_tolerance=(0.05,) * 12))).null
-    by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
-    assert abs(by_name["delay of K"] + late_s - of_filter["delay_s"] - lag_s) < 5e-7
-    assert null.in_sample < 1.2 * null.count
-
-
-def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
-    """Behind a filter the calibrated gear of a healthy rig leaves its noise, its column is what
-    its corner says, and x holds as much of e(t) as a filter of that order passes."""
-    plan = draw_plan(
-        5, "none", d=0.0, channels="full", noise=RequestedNoise("filtered"), law="catalogue"
-    )
-    part = dict(plan.noise.parts["filter"], order=1, corner=10.5)
-    plan = replace(plan, noise=replace(plan.noise, parts={"filter": part}))
-    runs = [r for r in as_prepared(make_campaign(plan)).runs if r.role == "fit"]
-    found = remove_common_delay(
-        [without_computed(with_estimated_noise(run)) for run in runs[:3]], ()
-    )
-    for run in found:
-        over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
-        assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)
-    null = Search(GearMachine(Gear(found))).null
-    by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
-    assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
-    without = Search(_without_filters(GearMachine(Gear(found)))).null
-    o = "force_law"
-    assert null.chi2_by_row[o].sum() < 0.7 * without.chi2_by_row[o].sum()
-    assert null.in_sample < 1.2 * null.count
-
-
-def _without_filters(machine: GearMachine) -> GearMachine:
-    machine.base = tuple(c for c in machine.base if not c.name.startswith("filter"))
-    return machine
-
-
 def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     """Rates are slopes of a spline through rotations, but one has a gain of 1.2."""
     plan = draw_plan(
@@ -370,6 +293,25 @@ def test_a_wrong_rate_among_copies_is_named_with_its_channel() -> None:
     gain = made.label["effects"][0]["parameters"]["gain"]["value"]
     # One rate beside displacements with other sensors' noise: a sixth of the size is missed.
     assert cause["parameters"]["gain"]["value"] - 1.0 == pytest.approx(gain - 1.0, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["v_sp3_R", "v_rp1_L"])
+def test_a_lone_rate_is_held_against_displacements(name: str) -> None:
+    """Rates are central differences of x, but one has a bias, so that it alone stays recorded:
+    the mean of its increments against those of x is the bias, without the error of differences."""
+    run = prepared(noisy(sampled({}, POINTS[0]), 1e-2, 3), POINTS[0], share=None)
+    at = run.model.layout.channels_of("v").index(name)
+    slope = np.gradient(run.x.values + run.waves.e, run.step_s, axis=0) - run.waves.e_rate
+    bias = 0.05 * np.eye(slope.shape[1])[at]
+    run = run.with_measured("v", replace(run.v, values=slope + bias))
+    run = run.with_measured("u", run.u.without(run.u.recorded))
+    (left,) = drop_common_copies([run])
+    assert np.flatnonzero(left.v.recorded).tolist() == [at]
+    relation = relations(left, np.zeros((len(left), 33, 1)))[-1]
+    assert relation.residual.shape[1] == 1
+    per_bias = -left.step_s * relation.columns[0, 12 + at] * 0.05
+    assert abs(relation.residual.mean() / per_bias) == pytest.approx(1.0, rel=0.1)
+    assert relation.residual.std() < 3.0
 
 
 def test_the_error_of_the_integral_of_rates_is_told_by_their_spectrum() -> None:
