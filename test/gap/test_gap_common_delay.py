@@ -25,6 +25,9 @@ from herringbone_sim.practice.plan import RequestedNoise, draw_plan
         ("none", "filtered", "no_force"),
         ("stagger", "white", "x_and_F"),
         ("planet_phase", "white", "x_and_F"),
+        ("none", "white", "x_and_F"),
+        ("stagger", "white", "few"),
+        ("planet_phase", "white", "few"),
     ],
 )
 def test_a_common_delay_is_taken_off_and_a_shift_of_some_meshes_is_not(

@@ -38,3 +38,10 @@ def test_few_samples_of_a_cycle_are_not_thinned_out() -> None:
     """A ring of 2000 teeth: four turns of its carrier are 8000 cycles."""
     part, _ = usable_part("run", recording(9000.0, 20), 2000)
     assert len(part) == pytest.approx(8000 * 20, rel=1e-3)
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+def test_too_few_samples_are_left_to_the_checks(samples: int) -> None:
+    series = recording(1.0, 24)
+    short = TimeSeries(series.times[:samples], series.data[:samples], series.names)
+    assert usable_part("run", short, 77) == (short, ())

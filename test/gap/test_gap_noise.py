@@ -108,3 +108,28 @@ def test_noise_that_the_recording_contradicts_counts_as_not_given(
     if contradicted:
         u, actual = campaign.runs[0].u, run.u.sigma * 0.005 / given
         np.testing.assert_allclose(u.sigma[u.recorded], actual[u.recorded], rtol=0.2)
+
+
+def test_computed_channels_contradict_no_noise() -> None:
+    """x worked out of noisy rotations and rounded, and rates of such x: the geometry of x and u
+    shows the rounding alone, that of the rates what differences make of the noise."""
+    run = prepared(noisy(sampled({}, POINTS[0]), 0.01, 3), POINTS[0], share=0.01)
+    x = run.u.values @ bodies_to_meshes(run.model).T - run.waves.e
+    step = np.ptp(x, axis=0) / 2**12
+    v = np.gradient(x, run.step_s, axis=0)
+    run = run.with_measured("x", replace(run.x, values=np.round(x / step) * step))
+    run = run.with_measured("v", replace(run.v, values=v))
+    campaign, ratio = without_wrong_noise(PreparedCampaign("rig", NOMINAL, (run,), ()))
+    assert campaign.noise_known
+    assert ratio == 1.0
+
+
+def test_noise_given_for_a_force_stays_where_that_of_motion_is_contradicted() -> None:
+    """x, v, u have half the noise that is given; that of one force is given alone."""
+    run = prepared(noisy(sampled({}, POINTS[0]), 0.005, 3), POINTS[0], share=0.01)
+    alone = np.arange(12) == 4
+    run = run.with_measured("F", replace(run.F, sigma_given=alone))
+    campaign, _ = without_wrong_noise(PreparedCampaign("rig", NOMINAL, (run,), ()))
+    found = campaign.runs[0].F.sigma / run.F.sigma
+    assert found[4] == 1.0
+    assert np.all(np.delete(found, 4) != 1.0)

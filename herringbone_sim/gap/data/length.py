@@ -26,6 +26,8 @@ def usable_part(
         series: samples without breaks.
         ring_teeth: mesh cycles of a turn of the carrier.
     """
+    if len(series) < 2:
+        return series, ()
     cycles = float(np.ptp(series["phase"])) / (2.0 * np.pi)
     per_cycle = len(series) / cycles
     most = round(MOST_TURNS * ring_teeth * per_cycle)

@@ -1,8 +1,9 @@
 """Estimate the delay common to all channels where rotations don't determine it.
 
-The delay of e(t) and k(t) that minimises the residual of the nominal gear with fitted tolerances,
-on short stretches of the fit runs, is applied to k(t) and e(t) of all runs, unless a time shift of
-single meshes or sensors explains more.
+The delay of e(t), k(t) and control that minimises the residual of the nominal gear with fitted
+tolerances, on short stretches of the fit runs, is applied to those of all runs, unless a time
+shift of single meshes or sensors explains more. Where states are estimated, it is that of the
+nominal gear on a few windows, if most of the residual goes with it.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def remove_common_delay(
     if any(run.u.complete and run.x.recorded.any() for run in fit):
         return compensate_filter(runs)
     by_speed = sorted(fit, key=lambda run: -run.omega_rad_per_s)
-    controlled = max(fit, key=lambda run: run.point["K"] * run.omega_rad_per_s)
+    controlled = max(fit, key=lambda run: abs(run.point["K"]) * run.omega_rad_per_s)
     used = {run.name: run for run in (*by_speed[:N_STRETCHES], controlled)}
     stretches = [_stretch(run) for run in used.values()]
     gear = Gear(stretches)
@@ -94,7 +95,7 @@ def _by_windows(
     Unchanged unless that removes most of the residual: what is left is fitted with the tolerances.
     """
 
-    def left(run: PreparedRun, delay: float) -> float:
+    def left(run: PreparedRun, delay: float = 0.0) -> float:
         """Mean square of the residual over the noise, under the nominal law."""
         trajectory = Trajectory(with_delayed_waves(run, delay), N_WINDOWS)
         channels, residual_rms = trajectory.recorded.channels, trajectory.noise_left()
@@ -105,7 +106,11 @@ def _by_windows(
         ]
         return float(np.mean(squares)) if squares else np.inf
 
-    before = parallel_map(partial(left, delay=0.0), used)
+    without = {run.name: x for run, x in zip(used, parallel_map(left, used), strict=True)}
+    used = [run for run in used if 0.0 < without[run.name] < np.inf]
+    if not used:
+        return tuple(runs)
+    before = [without[run.name] for run in used]
 
     def share(delay: float) -> float:
         """What is left at a delay [s] over what is left without one, mean over the runs."""
@@ -119,7 +124,7 @@ def _by_windows(
     second = share(2.0 * step)
     bend = 1.0 - 2.0 * first + second  # the vertex of the parabola through the three
     delay = step * (1.0 - 0.5 * (second - 1.0) / bend) if bend > 0.0 else longest
-    delay = float(np.clip(delay, 0.0, longest))
+    delay = float(np.clip(delay, 0.0, longest)) if second < np.inf else step
     if not share(delay) < MOST_UNEXPLAINED:
         return tuple(runs)
     return tuple(with_delayed_waves(run, delay) for run in runs)

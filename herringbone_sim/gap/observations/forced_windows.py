@@ -167,7 +167,7 @@ class ForcedWindows:
             change = change_of(m)
             pushes = [
                 (push, of_bodies[push.name])
-                for push in body_forces(self.model, m, law(m, change), of_bodies, on_carrier)
+                for push in body_forces(self.run, m, law(m, change), of_bodies, on_carrier)
             ]
             return self.forcing(change, masses, pushes)
 

@@ -14,6 +14,7 @@ from numba import njit
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
+from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import body_loads, control_force
@@ -60,7 +61,7 @@ class BodyForce:
 
 
 def body_forces(
-    model: Model,
+    run: PreparedRun,
     m: MeshMotion,
     now: Law,
     names: Iterable[str],
@@ -69,12 +70,14 @@ def body_forces(
     """Yield the forces on bodies by a unit amplitude of each named function, in this order.
 
     Args:
+        run: whose gear and control they are.
         m, now: motion of the meshes, and the force law there.
         names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
             or ``sin``: by 1 N m of input torque; ``CONTROL``: the nominal control; names of
             ``on_carrier``. Others are skipped.
         on_carrier: functions that are forces [N] on the carrier.
     """
+    model = run.model
     of_carrier = {f.name: f for f in on_carrier}
     arms: dict[str, Array] = {}
     shapes: dict[str, Array] = {}
@@ -98,7 +101,7 @@ def body_forces(
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in balance.CONTROL:
             late_rad = 0.5 * np.pi * balance.CONTROL.index(name)
-            yield BodyForce(name, carrier, control_force(model, m.phase, late_rad))
+            yield BodyForce(name, carrier, control_force(model, m.phase - run.delay_rad, late_rad))
         elif name in of_carrier:
             yield BodyForce(name, carrier, of_carrier[name].values(m, now))
 
@@ -134,7 +137,7 @@ def window_columns(
 
     place = {name: i for i, name in enumerate(names)}
     on_carrier = [f for f in functions if f.slot == "body"]
-    for push in body_forces(s.run.model, m, now, names, on_carrier):
+    for push in body_forces(s.run, m, now, names, on_carrier):
         add(place[push.name], inverse * push.direction, push.size)
     for f in functions:
         meshes = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]

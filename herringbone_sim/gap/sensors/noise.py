@@ -21,6 +21,7 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 
 COPY = 1e-3  # residual over noise below which channels were computed from one another
+WORKED_OUT = 0.5  # the same, below which channels were rounded after they were computed; chosen
 LEAST = 0.3  # least noise of a force over that from its spectrum
 # White noise over all noise, of sensors whose drift and hum are half of the noise that is given
 # (lower limit) or come on top of it (upper limit); data sheet.
@@ -43,27 +44,37 @@ def without_wrong_noise(campaign: PreparedCampaign) -> tuple[PreparedCampaign, f
 
 
 def _actual_over_given(run: PreparedRun) -> float:
-    """White noise of a run over the noise assumed; where only spectra show it, at most 1."""
-    by_geometry = [_noise_ratio(residual) for residual, _ in geometric_residuals(run)]
-    found = [ratio for ratio in by_geometry if ratio != 1.0]
-    if found:
-        return float(np.median(found))
+    """White noise of a run over the noise assumed; where only spectra show it, at most 1.
+
+    Displacements and rates that may have been worked out of rotations don't count, nor do rates
+    beside displacements.
+    """
+    (motion, _), (rate, _) = geometric_residuals(run)
+    ratio = _noise_ratio(motion if run.x.recorded.any() or run.u.recorded.any() else rate)
+    if ratio > WORKED_OUT and ratio != 1.0:
+        return ratio
     shares = [
         (at_least_quantisation(spectral_floor(m.values), m.values) / m.sigma)[m.recorded]
-        for m in (getattr(run, q) for q in QUANTITIES)
-        if m.recorded.any()
+        for q in QUANTITIES
+        for m in [getattr(run, q)]
+        if m.recorded.any() and not (q in ("x", "v") and run.u.recorded.any())
     ]
-    return min(1.0, float(np.median(np.concatenate(shares)))) if shares else 1.0
+    known = [share for of_quantity in shares for share in of_quantity if np.isfinite(share)]
+    return min(1.0, float(np.median(known))) if known else 1.0
 
 
 def _with_noise_of_spectra(run: PreparedRun) -> PreparedRun:
-    """Run with the noise of every channel as its spectrum shows it."""
+    """Run with the noise of every channel as its spectrum shows it.
+
+    What is given for single channels stays but for x, v and u, which the geometry contradicts.
+    """
     for q in QUANTITIES:
         m: Measured = getattr(run, q)
         if m.recorded.any():
             sigma = at_least_quantisation(spectral_floor(m.values), m.values)
-            sigma = np.where(m.recorded, sigma, np.nan)
-            run = run.with_measured(q, Measured(m.values, m.recorded, sigma))
+            if q in ("x", "v", "u"):
+                m = replace(m, sigma_given=None)
+            run = run.with_measured(q, m.with_noise(np.where(m.recorded, sigma, np.nan)))
     return run
 
 
