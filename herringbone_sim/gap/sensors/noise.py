@@ -21,7 +21,7 @@ from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 
 COPY = 1e-3  # residual over noise below which channels were computed from one another
-WORKED_OUT = 0.5  # the same, below which channels were rounded after they were computed; chosen
+WORKED_OUT = 0.1  # the same, below which channels were rounded after they were computed; chosen
 LEAST = 0.3  # least noise of a force over that from its spectrum
 # White noise over all noise, of sensors whose drift and hum are half of the noise that is given
 # (lower limit) or come on top of it (upper limit); data sheet.
@@ -46,13 +46,17 @@ def without_wrong_noise(campaign: PreparedCampaign) -> tuple[PreparedCampaign, f
 def _actual_over_given(run: PreparedRun) -> float:
     """White noise of a run over the noise assumed; where only spectra show it, at most 1.
 
-    Displacements and rates that may have been worked out of rotations don't count, nor do rates
-    beside displacements.
+    Of displacements and rates those count that agree better, as an error of all displacements, or
+    rates worked out of them, contradict it alone. Those that may be worked out of rotations don't
+    count.
     """
     (motion, _), (rate, _) = geometric_residuals(run)
-    ratio = _noise_ratio(motion if run.x.recorded.any() or run.u.recorded.any() else rate)
-    if ratio > WORKED_OUT and ratio != 1.0:
-        return ratio
+    of_motion, of_rate = _noise_ratio(motion), _noise_ratio(rate)
+    if of_motion > WORKED_OUT and of_motion != 1.0:
+        known = [ratio for ratio in (of_motion, of_rate) if ratio != 1.0]
+        return min(known, key=lambda ratio: abs(np.log(ratio)))
+    if of_rate != 1.0 and not (run.x.recorded.any() or run.u.recorded.any()):
+        return of_rate
     shares = [
         (at_least_quantisation(spectral_floor(m.values), m.values) / m.sigma)[m.recorded]
         for q in QUANTITIES
