@@ -163,7 +163,7 @@ def test_the_command_writes_a_page_and_data(
     assert "one further sensor" in said
     content = json.loads((out / "plan.json").read_text())
     assert content["schema"] == "herringbone_sim/gap-plan/1"
-    assert content["observations"] == ["force_law"]
+    assert content["observations"] == ["force_law", "consistency"]
     assert {e["effect"] for e in content["effects"]} >= {"backlash_offset", "mean_stiffness"}
     assert list(content["also"]) == ["F_sp2_L"]
     assert "Which sensor to add first" in (out / "plan.html").read_text()

@@ -311,7 +311,7 @@ def test_columns_of_bodies_are_differences(
 ) -> None:
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
-    pushes = [(push, step) for push in body_forces(trajectory.model, m, law(m), [name])]
+    pushes = [(push, step) for push in body_forces(trajectory.run, m, law(m), [name])]
     drive = trajectory.forcing(LawChange(), trajectory.masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
 
@@ -321,7 +321,7 @@ def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolut
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
     names = [f"friction {shape} of 1" for shape in balance.OF_COULOMB]
-    pushes = body_forces(trajectory.model, m, law(m), names)
+    pushes = body_forces(trajectory.run, m, law(m), names)
     work = {p.name: p.size.mean() * (p.direction @ [2, 2, *[1] * 7]) for p in pushes}
     assert work[names[0]] == pytest.approx(0.0, abs=1e-9)  # no sliding at the pitch point
     assert work[names[1]] < -0.1
