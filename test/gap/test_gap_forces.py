@@ -103,7 +103,7 @@ def test_the_band_is_how_far_a_coefficient_moves_the_forces(
     On a run without control: under it hidden planets move far at nearly the same chi2.
     """
     run, off = machine.gear.runs[0].run, np.zeros(len(machine.base))
-    off[[c.name for c in machine.base].index("k_sp")] = 0.004
+    off[[c.name for c in machine.base].index("k_sp")] = 0.008
     nothing = np.zeros((0, len(off)))
     band, least, moved = (
         reconstructed_forces(
@@ -124,8 +124,7 @@ def test_the_band_is_how_far_a_coefficient_moves_the_forces(
     late = slice(len(band.force) // 2, None)
     told = np.sqrt(np.maximum(band.half**2 - least.half**2, 0.0))[late] / HALF_90
     found = np.abs(moved.force - least.force)[late]
-    # Linear against nonlinear: 0.86 to 0.90 at neighbouring fits.
-    assert np.corrcoef(told.ravel(), found.ravel())[0, 1] > 0.8
+    assert np.corrcoef(told.ravel(), found.ravel())[0, 1] > 0.9
     assert np.sqrt(np.mean(told**2)) == pytest.approx(np.sqrt(np.mean(found**2)), rel=0.2)
 
 
