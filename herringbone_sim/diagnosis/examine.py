@@ -281,7 +281,7 @@ def _offsets_by_drift(
 
     A bias is the same in all runs, but neither the same multiple of their noise nor as visible in
     all patterns of contact, so that without it, it would be taken for drift. So would other
-    effects: the best ranked ones are fitted, and the best of those that are partly screened.
+    effects: the best ranked ones are fitted.
 
     Args:
         none: fit without effects.
@@ -297,11 +297,7 @@ def _offsets_by_drift(
     offsets, explained = left_by(none)
     if not offsets:
         return {}
-    partly = [r for r in ranked if r[1].partly_screened]
-    for single in (
-        *fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT),
-        *fit_best(search, partly, MIN_FITTED, 1),
-    ):
+    for single in fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT):
         found, by_found = left_by(single)
         if by_found < explained:
             offsets, explained = found, by_found

@@ -80,7 +80,7 @@ def fit_pairs(
 
     Both are fitted together. If all of these pairs leave more than noise, the first effect may
     have absorbed the response of the second: then it is paired with effects of ``singles`` too,
-    each from its values when fitted alone, and with the best partly screened effect.
+    each from its values when fitted alone.
 
     Args:
         first: fit of the first effect alone.
@@ -104,9 +104,6 @@ def fit_pairs(
     enough = (1.0 + MIN_GAIN_PER_VALUE) * first.score.count
     if fits and all(f.score.in_sample > enough for f in fits):
         fits = (*fits, *_beside_singles(search_with_first, first_hypothesis, singles, fits))
-        seen = {_key(f.hypotheses[0]) for f in fits}
-        partly = [r for r in different if r[1].partly_screened and _key(r[1]) not in seen]
-        fits = (*fits, *fit_best(search_with_first, partly, 1, 1))
     pairs = (
         FittedExplanation((first_hypothesis, *f.hypotheses), f.score, search_with_first)
         for f in fits
