@@ -33,9 +33,6 @@ STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the
 N_STRETCHES = 2
 N_WINDOWS = 6  # windows of each run where states are estimated, chosen for run time
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
-# Chi2 per value up to which the calibrated gear without effects fits: what it lacks is no larger
-# than the noise (d = 1).
-NULL_FITS_CHI2 = 2.0
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -54,15 +51,12 @@ def remove_common_delay(
     fit = deciding(runs)
     if any(run.u.complete and run.x.recorded.any() for run in fit):
         return compensate_filter(runs)
-    by_speed = sorted(fit, key=lambda run: -run.omega_rad_per_s)
-    controlled = max(fit, key=lambda run: abs(run.point["K"]) * run.omega_rad_per_s)
-    used = {run.name: run for run in (*by_speed[:N_STRETCHES], controlled)}
-    stretches = [_stretch(run) for run in used.values()]
+    stretches = [_stretch(run) for run in _showing_delay(fit, N_STRETCHES)]
     gear = Gear(stretches)
     if not GearMachine(gear).observation_names:
         return tuple(runs)
     if gear.uses_windows:
-        return _by_windows(runs, tuple({r.name: r for r in (by_speed[0], controlled)}.values()))
+        return _by_windows(runs, _showing_delay(fit, 1))
 
     def null(delay: float) -> Search:
         gear = Gear(
@@ -85,6 +79,14 @@ def remove_common_delay(
     if optimum.fun * search.null.count < search.null.in_sample + min(shift_chi2, 0.0):
         return tuple(with_delayed_waves(run, float(optimum.x)) for run in runs)
     return tuple(runs)
+
+
+def _showing_delay(runs: Sequence[PreparedRun], n_fastest: int) -> list[PreparedRun]:
+    """Fastest runs, and that with the largest control if there is any."""
+    by_speed = sorted(runs, key=lambda run: -run.omega_rad_per_s)
+    controlled = [run for run in by_speed if run.point["K"]]
+    by_control = sorted(controlled, key=lambda run: -abs(run.point["K"]) * run.omega_rad_per_s)
+    return list({run.name: run for run in (*by_speed[:n_fastest], *by_control[:1])}.values())
 
 
 def _by_windows(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
-from herringbone_sim.arrays import Flags
+from herringbone_sim.arrays import Flags, rms
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import (
@@ -92,7 +92,7 @@ def _has_second_encoders(run: PreparedRun) -> bool:
     x = run.x.values + run.waves.e
     z = x @ np.linalg.pinv(D).T
     of_noise = np.sqrt(1.0 - np.linalg.matrix_rank(D) / len(D))  # what independent sensors leave
-    if not _rms((x - z @ D.T) / run.x.sigma) < COPY_SHARE * of_noise:
+    if not rms((x - z @ D.T) / run.x.sigma) < COPY_SHARE * of_noise:
         return False
     off = z - run.u.values @ bodies_to_coordinates(run.model).T
     lines = once_a_turn(run)
@@ -112,7 +112,7 @@ def _without_repeats(run: PreparedRun) -> PreparedRun:
     layout = run.model.layout
     by_mesh, by_body = layout.channels_of("x"), layout.channels_of("u")
     residuals = geometric_residuals(run)[0][0]
-    if run.u.complete and residuals.size and _rms(residuals) < COPY_SHARE:
+    if run.u.complete and residuals.size and rms(residuals) < COPY_SHARE:
         run = without_channels(run, by_mesh)
     # Rates may come from displacements, of one mesh or fused, from rotations, or from both.
     D = coordinates_to_meshes(layout)
@@ -154,7 +154,7 @@ def _without_difference_errors(
     spline = np.full_like(x, np.nan)
     spline[:, known] = CubicSpline(times, x[:, known]).derivative()(times)
     rate = run.v.values + run.waves.e_rate
-    by_central, by_spline = (_rms((slope - rate)[8:-8, copies]) for slope in (central, spline))
+    by_central, by_spline = (rms((slope - rate)[8:-8, copies]) for slope in (central, spline))
     if not by_central < by_spline:
         return run
     values = np.where(known, run.v.values + spline - central, run.v.values)
@@ -212,8 +212,3 @@ def _disagreement(
     ]
     disagreement[known] = np.sqrt(np.min(shares, axis=0))
     return disagreement
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    """RMS of all values."""
-    return float(np.sqrt(np.mean(values**2)))

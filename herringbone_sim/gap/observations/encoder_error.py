@@ -22,11 +22,13 @@ from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations import force_law
-from herringbone_sim.gap.observations.common_delay import NULL_FITS_CHI2
 from herringbone_sim.gap.observations.gear import SHAFT_NAMES, Gear
 from herringbone_sim.gap.observations.law import MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 
+# Chi2 per value up to which the calibrated gear without effects fits: what it lacks is no larger
+# than the noise (d = 1).
+NULL_FITS_CHI2 = 2.0
 MAX_ROUNDS = 8
 SETTLED = 0.1  # change of a displacement over its noise below which the estimate is final
 
