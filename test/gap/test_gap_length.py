@@ -41,7 +41,7 @@ def test_few_samples_of_a_cycle_are_not_thinned_out() -> None:
 
 
 @pytest.mark.parametrize("samples", [0, 1])
-def test_too_few_samples_are_left_to_the_checks(samples: int) -> None:
+def test_too_few_samples_are_left_to_the_check_of_their_number(samples: int) -> None:
     series = recording(1.0, 24)
     short = TimeSeries(series.times[:samples], series.data[:samples], series.names)
     assert usable_part("run", short, 77) == (short, ())

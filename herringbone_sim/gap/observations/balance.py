@@ -24,7 +24,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import rigid_rotation
-from herringbone_sim.gap.observations.force_law import DRIFT_SHARE, encoder_nuisances, slow_waves
+from herringbone_sim.gap.observations.force_law import encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import (
@@ -33,6 +33,7 @@ from herringbone_sim.gap.residuals.balance import (
     load_accelerations,
     window_of,
 )
+from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "torque_balance"
 # Error of ``quadrature_n`` counted as noise: variance over its mean square (20 % RMS); chosen.
@@ -46,7 +47,7 @@ REVERSAL_KNOTS = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])
 NEAR = tuple(f"near {i}" for i in range(2 * len(REVERSAL_KNOTS)))
 ELASTIC = "elastic"  # part of friction by which it follows the spring force instead of all of F
 LOAD = "load"  # what the load is smaller by, as the rotation is steady
-# Control wave at its phase, and a quarter of a mesh cycle late.
+# Control at its phase, and a quarter of its period late.
 CONTROL = ("control", "control late")
 OF_COULOMB = ("sign", "lever", LOAD)
 # Shapes of friction over the mesh cycle: direction of sliding, lever arm, load, free departures.

@@ -15,15 +15,12 @@ from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.force_law import (
-    DRIFT_SHARE,
-    ENCODER_ERROR_RAD,
-    slow_waves,
-)
+from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, slow_waves
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
+from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "consistency"
 ERROR_KINDS = ("gain", "bias", "delay", "clock")

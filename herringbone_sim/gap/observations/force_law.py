@@ -28,12 +28,12 @@ from herringbone_sim.gap.observations.basis import (
 )
 from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.observations.law import Law, MeshMotion
+from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "force_law"
 SLOW_HZ = 350.0  # [Hz] hum and drift lie below: seventh harmonic of the mains; chosen
 # Amplitude of the encoder error once a revolution: 3 arcsec, data sheet.
 ENCODER_ERROR_RAD = 1.45e-5
-DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
 
 
 def of_force_sensor(function: str) -> bool:

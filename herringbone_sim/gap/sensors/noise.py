@@ -23,9 +23,9 @@ from herringbone_sim.gap.sensors.consistency import geometric_residuals
 COPY = 1e-3  # residual over noise below which channels were computed from one another
 WORKED_OUT = 0.1  # the same, below which channels were rounded after they were computed; chosen
 LEAST = 0.3  # least noise of a force over that from its spectrum
-# White noise over all noise, of sensors whose drift and hum are half of the noise that is given
-# (lower limit) or come on top of it (upper limit); data sheet.
-WHITE_SHARES = np.sqrt(0.75), np.sqrt(1.25)
+DRIFT_SHARE = 0.5  # RMS of drift and hum over that of the noise, data sheet
+# White noise over the given one, of which drift and hum are a part, or on top of which they come.
+WHITE_SHARES = np.sqrt(1.0 - DRIFT_SHARE**2), np.sqrt(1.0 + DRIFT_SHARE**2)
 
 
 def without_wrong_noise(campaign: PreparedCampaign) -> tuple[PreparedCampaign, float]:
