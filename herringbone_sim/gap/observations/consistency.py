@@ -13,7 +13,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import cycles_per_shaft_turn
+from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, slow_waves
 from herringbone_sim.gap.residuals.fusion import Fused
@@ -66,14 +66,13 @@ def block(
         exchanged = _with_rows(swapped, (len(run),), rows)
         columns = np.concatenate([columns, (residual - exchanged)[:, :, None]], axis=2)
     slow = slow_waves(run.times - run.times[0])
-    turns, size = _shaft_waves(run)
+    turns = _shaft_waves(run)
     R = residual.shape[1]
     nuisance = np.concatenate([slow, turns], axis=1)
-    grating = np.sqrt(weights[0] ** 2 @ size**2)
     sd = np.concatenate(
         [
             np.full((R, slow.shape[1]), DRIFT_SHARE * np.sqrt(2.0 / slow.shape[1])),
-            np.repeat(grating[:, None], turns.shape[1], axis=1) + 1e-9,
+            np.repeat(_grating_sizes(run, weights[0])[:, None], turns.shape[1], axis=1) + 1e-9,
         ],
         axis=1,
     )
@@ -127,17 +126,29 @@ def _relation_rows(relation: Relation, n: int) -> tuple[Array, Array, Array]:
     )
 
 
-def _shaft_waves(run: PreparedRun) -> tuple[Array, Array]:
-    """cos and sin of shaft angles (n, 6); size (J,) of encoder errors in channels [m], 0 for v."""
+def _shaft_waves(run: PreparedRun) -> Array:
+    """Return cosine and sine of the shaft angles (n, 6)."""
     waves = [
         trig(run.phase / cycles)
         for cycles in cycles_per_shaft_turn(run.model).values()
         for trig in (np.cos, np.sin)
     ]
-    sizes = [
-        ENCODER_ERROR_RAD * run.model.scales.base_radius(name[2:])
-        if name[0] == "u"
-        else ENCODER_ERROR_RAD * run.model.scales.r_bs * (name[0] == "x")
-        for name in sensor_names(run.model.layout)
-    ]
-    return np.stack(waves, axis=1), np.array(sizes)
+    return np.stack(waves, axis=1)
+
+
+def _grating_sizes(run: PreparedRun, weights: Array) -> Array:
+    """Return the standard deviation (R,) that eccentric gratings cause in each relation.
+
+    u may be read from one set of gratings and x = G u - e be computed from another. Either set has
+    one error a body, so relations between x alone hold whatever the gratings do.
+
+    Args:
+        weights: (R, J) matrix by which the channels x, v, u enter the relations.
+    """
+    G = bodies_to_meshes(run.model)
+    n, nu = G.shape
+    per_body = np.array(
+        [ENCODER_ERROR_RAD * run.model.scales.base_radius(b) for b in run.model.layout.bodies]
+    )
+    of_x, of_u = weights[:, :n] @ G, weights[:, 2 * n : 2 * n + nu]
+    return np.asarray(np.sqrt((of_x**2 + of_u**2) @ per_body**2))

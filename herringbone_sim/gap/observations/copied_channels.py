@@ -17,7 +17,11 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
 from herringbone_sim.arrays import Flags, rms
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.geometry import (
+    bodies_to_coordinates,
+    bodies_to_meshes,
+    coordinates_to_meshes,
+)
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
@@ -27,7 +31,6 @@ from herringbone_sim.gap.residuals.fusion import (
     to_meshes,
 )
 from herringbone_sim.gap.residuals.other_gear import once_a_turn
-from herringbone_sim.gap.sensors.consistency import geometric_residuals
 from herringbone_sim.gap.sensors.correction import without_channels
 
 # RMS disagreement over that of independent noise below which a channel is a copy; chosen.
@@ -70,9 +73,10 @@ def drop_common_copies(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 def without_computed(run: PreparedRun) -> PreparedRun:
     """Return a run with x and v that were computed from its other channels as not recorded.
 
-    All x are dropped together, if all u are recorded and x repeats them, or a second set of
-    encoders that agrees with them; v mesh by mesh. Where most v repeat x or u, the others get at
-    least the noise of a differentiated displacement.
+    x that repeats u is dropped mesh by mesh, if all u are recorded and most x repeat them; all x
+    together, if they come from a second set of encoders that agrees with u. v is dropped mesh by
+    mesh. Where most v repeat x or u, the others get at least the noise of a differentiated
+    displacement.
     """
     x = run.model.layout.channels_of("x")
     second_set = _has_second_encoders(run)
@@ -92,7 +96,8 @@ def _has_second_encoders(run: PreparedRun) -> bool:
     x = run.x.values + run.waves.e
     z = x @ np.linalg.pinv(D).T
     of_noise = np.sqrt(1.0 - np.linalg.matrix_rank(D) / len(D))  # what independent sensors leave
-    if not rms((x - z @ D.T) / run.x.sigma) < COPY_SHARE * of_noise:
+    by_mesh = np.sqrt(np.mean((x - z @ D.T) ** 2, axis=0)) / run.x.sigma
+    if not by_mesh.max() < COPY_SHARE * of_noise:
         return False
     off = z - run.u.values @ bodies_to_coordinates(run.model).T
     lines = once_a_turn(run)
@@ -111,9 +116,7 @@ def _without_repeats(run: PreparedRun) -> PreparedRun:
     """Return a run with x that repeats u, and v that repeats x or u, as not recorded."""
     layout = run.model.layout
     by_mesh, by_body = layout.channels_of("x"), layout.channels_of("u")
-    residuals = geometric_residuals(run)[0][0]
-    if run.u.complete and residuals.size and rms(residuals) < COPY_SHARE:
-        run = without_channels(run, by_mesh)
+    run = without_channels(run, _repeating_rotations(run))
     # Rates may come from displacements, of one mesh or fused, from rotations, or from both.
     D = coordinates_to_meshes(layout)
     estimates = [
@@ -135,6 +138,23 @@ def _without_repeats(run: PreparedRun) -> PreparedRun:
         of_slope = np.sqrt(SPLINE_SLOPE_NOISE * of_x) / run.step_s
         run = with_rate_noise(run, np.fmax(run.v.sigma, of_slope))
     return run
+
+
+def _repeating_rotations(run: PreparedRun) -> tuple[str, ...]:
+    """Names of the x that repeat u; none unless all u are recorded and most x repeat them.
+
+    A displacement that differs although the others are copies has an error, and is no copy.
+    """
+    if not (run.u.complete and run.x.recorded.any()):
+        return ()
+    G = bodies_to_meshes(run.model)
+    noise = np.sqrt(run.x.sigma**2 + G**2 @ run.u.sigma**2)
+    off = run.x.values + run.waves.e - run.u.values @ G.T
+    share = np.sqrt(np.mean(off**2, axis=0)) / noise
+    if not np.median(share[run.x.recorded]) < COPY_SHARE:
+        return ()
+    shares = zip(run.model.layout.channels_of("x"), share, strict=True)
+    return tuple(name for name, of_mesh in shares if of_mesh < COPY_SHARE)
 
 
 def _without_difference_errors(

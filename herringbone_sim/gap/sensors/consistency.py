@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import polar, qr
+from scipy.linalg import null_space, polar, qr, solve_triangular
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
@@ -234,6 +234,9 @@ def _channel_derivatives(run: PreparedRun, wanted: Array) -> Array:
 def _remainder(rows: Array, sigma: Array, values: Array, to: Array) -> tuple[Array, Array]:
     """Return the whitened residual (n, d) of k channels about their fit, and its matrix (d, J).
 
+    Its d combinations are those of the same channels in every run, in the same order, but for the
+    mixing that whitens them: an error that all runs share has the same pattern in all of them.
+
     Args:
         rows: (k, s) matrix from the unknowns to the channels.
         sigma: (k,) noise of the channels.
@@ -243,10 +246,11 @@ def _remainder(rows: Array, sigma: Array, values: Array, to: Array) -> tuple[Arr
     if len(rows) == 0:
         return np.zeros((len(values), 0)), np.zeros((0, to.shape[1]))
     scale = np.maximum(sigma, 1e-300)
-    left, size, _ = np.linalg.svd(rows / scale[:, None])
-    rank = int(np.sum(size > 1e-9 * size[0]))
-    free = left[:, rank:].T / scale
-    return values @ free.T, free @ to
+    free = null_space(rows.T, rcond=1e-9)
+    if free.shape[1]:
+        upper = np.linalg.qr(scale[:, None] * free, mode="r")
+        free = solve_triangular(upper, free.T, trans="T").T
+    return values @ free, free.T @ to
 
 
 def channel_arrays(run: PreparedRun) -> tuple[Array, Array]:
