@@ -35,7 +35,7 @@ from herringbone_sim.diagnosis.fits import (
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
-from herringbone_sim.diagnosis.noise import less_noise, noise_factors, offset_sds
+from herringbone_sim.diagnosis.noise import MOST, less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.orders import in_best_orders
 from herringbone_sim.diagnosis.pairs import (
     fit_beside_part,
@@ -111,7 +111,7 @@ def examine(
     search = search.with_machine(machine)
     search, ranked = rank(search, catalogue, None)
     if not machine.estimates_states:
-        offsets = _offsets_by_drift(search, none, ranked)
+        offsets = _offsets_by_drift(search, none, ranked, _predicted_chi2(remainder))
         if offsets:
             say("drift")
             search = Search(machine, start=none.score.mean, offsets=offsets)
@@ -128,7 +128,11 @@ def examine(
     limits = MAX_FITTED, MAX_FITTED_PER_EFFECT
     if machine.estimates_states and lowest > NONLINEAR_CHI2 * count:
         limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
-    singles = fit_best(search, ranked, MIN_FITTED if idle else limits[0], limits[1])
+    if idle:  # fits of moving parts are long, and none of them explains a gap
+        quick = [entry for entry in ranked if entry[1].measured_gain is None]
+        singles = fit_best(search, quick or ranked, MIN_FITTED, limits[1])
+    else:
+        singles = fit_best(search, ranked, *limits)
     if machine.estimates_states:
         if not idle:
             singles = with_unscreened(search, ranked, singles)
@@ -275,29 +279,35 @@ def _calibrated(
 
 
 def _offsets_by_drift(
-    search: Search, none: FittedExplanation, ranked: Ranking
+    search: Search, none: FittedExplanation, ranked: Ranking, predicted: float
 ) -> dict[str, Array]:
     """Estimate offsets by drift as ``offset_sds``, from the fit that leaves least of them.
 
     A bias is the same in all runs, but neither the same multiple of their noise nor as visible in
     all patterns of contact, so that without it, it would be taken for drift. So would other
-    effects: the best ranked ones are fitted.
+    effects: the best ranked ones are fitted that may remove most of what offsets explain.
 
     Args:
         none: fit without effects.
         ranked: as from ``rank``, without offsets.
+        predicted: as in ``offset_sds``.
     """
     assumed = copy.copy(search)
     assumed.noise = {}
     observations = tuple(search.machine.functions)
 
     def left_by(fit: FittedExplanation) -> tuple[dict[str, Array], float]:
-        return offset_sds(_blocks_about(assumed, fit, observations), search.noise)
+        return offset_sds(_blocks_about(assumed, fit, observations), predicted, search.noise)
 
     offsets, explained = left_by(none)
     if not offsets:
         return {}
-    for single in fit_best(search, ranked, MIN_FITTED, MAX_FITTED_PER_EFFECT):
+    able = [
+        (loss, hypothesis, start)
+        for loss, hypothesis, start in ranked
+        if none.loss - loss > MOST * explained or hypothesis.partly_screened
+    ]
+    for single in fit_best(search, able, MIN_FITTED, MAX_FITTED_PER_EFFECT):
         found, by_found = left_by(single)
         if by_found < explained:
             offsets, explained = found, by_found

@@ -13,19 +13,24 @@ from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
 
 # Fraction of an observation's rows assumed to contain no more than noise; chosen.
 NOISE_QUANTILE = 0.25
+MOST = 0.5  # fraction of the predictable chi2 that offsets explain if they are most of it
 
 
 def offset_sds(
-    blocks: Sequence[Mapping[str, Block]], noise: Mapping[str, Array] | None = None
+    blocks: Sequence[Mapping[str, Block]],
+    predicted: float,
+    noise: Mapping[str, Array] | None = None,
 ) -> tuple[dict[str, Array], float]:
     """Standard deviation, from run to run, of a constant error of each row.
 
     Drift of sensors gives each run another offset; an effect, or the bias of a sensor, gives all
-    runs one that goes with load, temperature or speed, or is the same. Only offsets that together
-    explain more than ``MIN_GAIN_PER_VALUE`` a value count. The mean of the runs is not an offset.
+    runs one that goes with load, temperature or speed, or is the same. Offsets count that together
+    explain more than ``MIN_GAIN_PER_VALUE`` a value, or more than noise does and most of what can
+    be predicted. The mean of the runs is not an offset.
 
     Args:
         blocks: of each run, about a fit; by observation.
+        predicted: chi2 that the flexible regression predicts in the fit without effects.
         noise: (runs, R) actual over assumed noise, by observation; 1 where none is given.
 
     Returns:
@@ -33,7 +38,7 @@ def offset_sds(
         offsets explain; empty and 0 where they are small.
     """
     sds: dict[str, Array] = {}
-    explained = count = 0.0
+    explained = count = by_chance = 0.0
     for o in {o: None for of_run in blocks for o in of_run}:
         at = [r for r, b in enumerate(blocks) if o in b]
         means, variances = np.stack([_means(blocks[r][o]) for r in at], axis=1)
@@ -49,7 +54,9 @@ def offset_sds(
         sds[o] = np.sqrt(variance)
         explained += values * float(((runs - 1) * variance / factor).sum())
         count += values * float(recorded.sum())
-    return (sds, explained) if explained > MIN_GAIN_PER_VALUE * count else ({}, 0.0)
+        by_chance += float((runs - 1).sum())
+    least = min(MIN_GAIN_PER_VALUE * count, max(by_chance, MOST * predicted))
+    return (sds, explained) if explained > least else ({}, 0.0)
 
 
 def _means(block: Block) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ def test_noise_is_no_more_than_what_an_effect_leaves():
 def test_an_offset_that_differs_from_run_to_run_is_drift():
     """Row 0 drifts, row 1 is biased alike in all runs, row 2 has neither."""
     offsets = np.array([[0.9, 0.8, 0.0], [-0.7, 0.8, 0.0], [0.1, 0.8, 0.0], [-0.3, 0.8, 0.0]])
-    found = offset_sds(runs_with(offsets))[0]["law"]
+    found = offset_sds(runs_with(offsets), np.inf)[0]["law"]
     assert found[0] == pytest.approx(np.std(offsets[:, 0], ddof=1), abs=0.05)
     assert np.all(found[1:] < 0.05)
 
@@ -73,10 +73,20 @@ def test_an_offset_that_differs_from_run_to_run_is_drift():
 def test_small_offsets_and_rows_of_a_single_run_are_no_drift():
     small = np.zeros((4, 3))
     small[:, 0] = [0.1, -0.1, 0.05, 0.0]
-    assert offset_sds(runs_with(small)) == ({}, 0.0)
+    assert offset_sds(runs_with(small), np.inf) == ({}, 0.0)
     alone = runs_with(np.array([[1.0], [0.0]]))
     alone[1]["law"] = replace(alone[1]["law"], residual=np.zeros((1000, 1)))
-    assert offset_sds(alone) == ({}, 0.0)
+    assert offset_sds(alone, 0.0) == ({}, 0.0)
+
+
+def test_small_offsets_count_if_little_else_can_be_predicted():
+    """0.08 of the noise in 3 x 4 x 1000 values, some 80 of chi2: less than 2 %, more than chance
+    and most of 100; white noise has none, even if nothing can be predicted."""
+    small = 0.08 * np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [-1.0] * 3])
+    of_runs = runs_with(small)
+    assert offset_sds(of_runs, 1000.0) == ({}, 0.0)
+    assert offset_sds(of_runs, 100.0)[0]
+    assert offset_sds(runs_with(np.zeros((4, 12))), 0.0) == ({}, 0.0)
 
 
 def test_offsets_are_in_units_of_a_noise_that_varies():
@@ -88,7 +98,7 @@ def test_offsets_are_in_units_of_a_noise_that_varies():
     for of_run, offset in zip(of_runs, true, strict=True):
         residual = sigma * rng.normal(size=(1000, 1)) + offset
         of_run["law"] = replace(of_run["law"], residual=residual, sigma=sigma)
-    found = offset_sds(of_runs)[0]["law"] * np.sqrt(np.mean(sigma**2))
+    found = offset_sds(of_runs, np.inf)[0]["law"] * np.sqrt(np.mean(sigma**2))
     assert found[0] == pytest.approx(np.std(true, ddof=1), rel=0.1)
 
 
@@ -96,8 +106,8 @@ def test_more_noise_than_assumed_is_no_drift():
     """White noise of twice the assumed size, 50 values a run."""
     of_runs = runs_with(np.zeros((3, 12)), n=50)
     assumed = [{"law": replace(b["law"], sigma=0.5 * b["law"].sigma)} for b in of_runs]
-    assert offset_sds(assumed)[0]
-    assert offset_sds(assumed, {"law": np.full((3, 12), 2.0)}) == ({}, 0.0)
+    assert offset_sds(assumed, np.inf)[0]
+    assert offset_sds(assumed, np.inf, {"law": np.full((3, 12), 2.0)}) == ({}, 0.0)
 
 
 def test_an_allowed_offset_leaves_the_rest_of_the_noise():

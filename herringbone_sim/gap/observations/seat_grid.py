@@ -175,13 +175,21 @@ class PartTrial:
 
     def gain(self, seat: Seat) -> float:
         """Chi2, with the prior, that a part removes from the runs used; coefficients refitted."""
-        return self._gain_and_refit(seat)[0]
+        return self._gain_and_refit([list(self._rows(run, seat)) for run in self._runs])[0]
 
-    def _gain_and_refit(self, seat: Seat) -> tuple[float, Array]:
-        """``gain`` of a part, and the refitted coefficients minus their prior means (p,)."""
+    def _gain_with_threads(self, seat: Seat) -> tuple[float, Array]:
+        """``_gain_and_refit`` of a part, its runs in parallel."""
+        rows = parallel_map(lambda run: list(self._rows(run, seat)), self._runs)
+        return self._gain_and_refit(rows)
+
+    def _gain_and_refit(self, rows: Sequence[Sequence[RowChange]]) -> tuple[float, Array]:
+        """``gain`` of a part, and the refitted coefficients minus their prior means (p,).
+
+        ``rows``: those of each run that the part changes.
+        """
         fall, b = 0.0, np.zeros(len(self._known))
-        for run in self._runs:
-            for o, row, before, after, weight in self._rows(run, seat):
+        for run, of_run in zip(self._runs, rows, strict=True):
+            for o, row, before, after, weight in of_run:
                 fall += float(before @ before - after @ after)
                 b += self._base_columns(run, o, row).T @ (weight * (after - before))
         b = self._b + b
@@ -203,7 +211,7 @@ class PartTrial:
         """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
-        fall, followed = self._gain_and_refit(seat)
+        fall, followed = self._gain_with_threads(seat)
         known = followed + np.array([c.center for c in self._known])
         return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
 
@@ -211,7 +219,7 @@ class PartTrial:
         """Improve the parameters by a Nelder-Mead search over their logarithms; evaluated copy."""
         n = len(seat.names)
         optimum = minimize(
-            lambda offsets: -self.gain(seat.with_log_offsets(offsets)),
+            lambda offsets: -self._gain_with_threads(seat.with_log_offsets(offsets))[0],
             np.zeros(n),
             method="Nelder-Mead",
             options={
