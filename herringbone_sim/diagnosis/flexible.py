@@ -4,7 +4,9 @@ Model: a sum of factors (constant, spring force, damper force) times smooth func
 three measured quantities, as random Fourier features (Rahimi and Recht, NIPS 2007). Each row is
 regressed on every other block of mesh cycles of all runs and scored on the remaining blocks, and
 the reverse. Where causes act through the motion, the features are responses to forces of many
-shapes instead. Noise can't be predicted; anything that repeats can, whatever its law.
+shapes instead. Noise can't be predicted; anything that repeats can, whatever its law. What repeats
+with the turn of a member may have finer structure than few features follow, so waves of every
+order of each angle are tried too.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from herringbone_sim.arrays import Array, Flags, Indices
 # Chosen, not fitted:
 N_FEATURES = 200
 MAX_INPUTS = 3  # measured quantities that one feature depends on
-MAX_HARMONIC = 4  # of an angle
+MAX_HARMONIC = 4  # of an angle; of the fastest angle for waves of every order
 RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
 SPARSE_SIZES = (10, 40)  # features of the sparse regressions
 MAX_SAMPLES = 30 * N_FEATURES  # of a row
@@ -31,7 +33,8 @@ class RegressionInputs:
 
     Attributes:
         values: (n, R, D) measured quantities, of any unit.
-        angles: (n, A) [rad]; functions depend on integer multiples of them.
+        angles: (n, A) [rad]; functions depend on integer multiples of them. The first is the
+            fastest, that of the mesh.
         factors: (n, R, M) factors of the functions, in units of the residual's noise.
         responses: (n, R, P) whitened linear responses to forces of many shapes, used instead of
             the above where causes act through the motion; None: not used.
@@ -136,6 +139,7 @@ def predict_residuals(
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
     fold = np.concatenate(blocks) % 2
     angles = np.concatenate([s.angles for s in inputs])
+    waves = _waves_of_turns(angles) if first.responses is None else None
     for row in range(R):
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
@@ -148,10 +152,59 @@ def predict_residuals(
             factors = _unit_rms(np.concatenate([s.factors[:, row] for s in inputs]))
             P = features(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
+        if waves is not None:
+            by_turns = _cross_predict_by_turns(waves, factors[:, [0, -1]], y, fold, of_run)
+            off = min(off, *by_turns, key=lambda error: float(error @ error))
         chi2[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
     count = np.bincount(of_run, minlength=runs)[:, None] * (chi2 > 0.0)
     return Predictable(chi2, left, count.astype(float), thin * independent_share)
+
+
+def _waves_of_turns(angles: Array) -> Array:
+    """Cosines and sines (n, W) of all multiples of angles (n, A) up to the rate of the fastest.
+
+    That is up to the harmonic ``MAX_HARMONIC`` of the first angle.
+    """
+    spans = np.ptp(angles, axis=0)
+    multiples = [
+        np.outer(angle, np.arange(1, round(MAX_HARMONIC * spans[0] / span) + 1))
+        for angle, span in zip(angles.T, spans, strict=True)
+    ]
+    turned = np.concatenate(multiples, axis=1) % (2.0 * np.pi)
+    waves: Array = np.concatenate([np.cos(turned), np.sin(turned)], axis=1).astype(np.float32)
+    return waves
+
+
+def _cross_predict_by_turns(
+    waves: Array, factors: Array, y: Array, fold: Indices, run: Indices
+) -> Array:
+    """(2, n) errors of y predicted across the halves of each run by waves times factors.
+
+    Waves that correlate most with y are used: ``SPARSE_SIZES[-1]`` or ``N_FEATURES`` of them.
+
+    Args:
+        waves: (n, W) as from ``_waves_of_turns``.
+        factors: (n, 2) first and last factor of the features.
+        y, fold, run: as in ``_cross_predict``.
+    """
+    off = np.array([y, y])
+    for r in np.unique(run):
+        halves = [np.flatnonzero((run == r) & (fold == h)) for h in (0, 1)]
+        own = [
+            np.concatenate([waves[at] * factors[at, i : i + 1] for i in (0, 1)], axis=1)
+            for at in halves
+        ]
+        for here, there in ((0, 1), (1, 0)):
+            of_other = y[halves[there]]
+            fit = np.abs(own[there].T @ of_other) / np.linalg.norm(own[there], axis=0).clip(1e-6)
+            order = np.argsort(-fit)
+            for i, size in enumerate((SPARSE_SIZES[-1], N_FEATURES)):
+                use = order[:size]
+                q = own[there][:, use]
+                weights = np.linalg.solve(q.T @ q + np.eye(len(use)), q.T @ of_other)
+                off[i, halves[here]] -= own[here][:, use] @ weights
+    return off
 
 
 def _thinned(n: int, thin: int) -> Indices:

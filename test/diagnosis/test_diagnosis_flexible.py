@@ -53,6 +53,27 @@ def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, la
     assert found.left.sum() - noise < 0.25 * (found.chi2.sum() - noise)
 
 
+def test_what_repeats_with_the_turn_of_a_member_is_predictable_whatever_its_shape():
+    """Five waves of random orders below two of the mesh; random features don't follow them."""
+    rng = np.random.default_rng(4)
+    phase = np.linspace(0.0, 2.0 * np.pi * 120.0, 2400)[:, None]
+    orders, at = rng.choice(np.arange(1, 51), 5, replace=False), rng.uniform(0.0, 6.0, 5)
+    shape = np.cos(phase / 25.0 * orders + at).sum(axis=1, keepdims=True)
+    runs = [
+        RegressionInputs(
+            rng.normal(size=(2400, 1, 2)), np.hstack([phase, phase / 25.0]), np.ones((2400, 1, 1))
+        )
+        for _ in range(2)
+    ]
+    blocks = [np.repeat(np.arange(20), 120)] * 2
+    noisy = [2.0 * shape + rng.normal(size=(2400, 1)) for _ in runs]
+    found = predict_residuals(noisy, runs, blocks)
+    assert found.chi2.sum() > 10.0 * found.count.sum()
+    assert found.left.sum() < 2.0 * found.count.sum()
+    noise = [rng.normal(size=(2400, 1)) for _ in runs]
+    assert predict_residuals(noise, runs, blocks).predicted < 0.01 * 4800.0
+
+
 def test_a_row_that_a_run_does_not_have_is_left_at_zero(measured):
     """Other runs predict something for its zeros; that counts neither as left nor as a value."""
     rng, around, blocks = measured
