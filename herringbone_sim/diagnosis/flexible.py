@@ -139,7 +139,7 @@ def predict_residuals(
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
     fold = np.concatenate(blocks) % 2
     angles = np.concatenate([s.angles for s in inputs])
-    waves = _waves_of_turns(angles) if first.responses is None else None
+    waves = _waves_of_turns(angles) if first.responses is None and angles.size else None
     for row in range(R):
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
@@ -162,9 +162,9 @@ def predict_residuals(
 
 
 def _waves_of_turns(angles: Array) -> Array:
-    """Cosines and sines (n, W) of all multiples of angles (n, A) up to the rate of the fastest.
+    """Cosines and sines (n, W) of the multiples of angles (n, A).
 
-    That is up to the harmonic ``MAX_HARMONIC`` of the first angle.
+    They go up to the rate of the harmonic ``MAX_HARMONIC`` of the first angle.
     """
     spans = np.ptp(angles, axis=0)
     multiples = [
