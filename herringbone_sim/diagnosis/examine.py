@@ -35,7 +35,7 @@ from herringbone_sim.diagnosis.fits import (
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
-from herringbone_sim.diagnosis.noise import MOST, less_noise, noise_factors, offset_sds
+from herringbone_sim.diagnosis.noise import OFFSET_SHARE, less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.orders import in_best_orders
 from herringbone_sim.diagnosis.pairs import (
     fit_beside_part,
@@ -305,7 +305,7 @@ def _offsets_by_drift(
     able = [
         (loss, hypothesis, start)
         for loss, hypothesis, start in ranked
-        if none.loss - loss > MOST * explained or hypothesis.partly_screened
+        if none.loss - loss > OFFSET_SHARE * explained or hypothesis.partly_screened
     ]
     for single in fit_best(search, able, MIN_FITTED, MAX_FITTED_PER_EFFECT):
         found, by_found = left_by(single)

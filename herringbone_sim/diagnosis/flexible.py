@@ -24,6 +24,7 @@ MAX_INPUTS = 3  # measured quantities that one feature depends on
 MAX_HARMONIC = 4  # of an angle; of the fastest angle for waves of every order
 RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
 SPARSE_SIZES = (10, 40)  # features of the sparse regressions
+ROUNDS = 8  # in each of which waves are added, as many as the least of ``SPARSE_SIZES``
 MAX_SAMPLES = 30 * N_FEATURES  # of a row
 
 
@@ -153,7 +154,7 @@ def predict_residuals(
             P = features(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
         if waves is not None:
-            by_turns = _cross_predict_by_turns(waves, factors[:, [0, -1]], y, fold, of_run)
+            by_turns = _cross_predict_by_turns(waves, factors, y, fold, of_run)
             off = min(off, *by_turns, key=lambda error: float(error @ error))
         chi2[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
@@ -179,31 +180,31 @@ def _waves_of_turns(angles: Array) -> Array:
 def _cross_predict_by_turns(
     waves: Array, factors: Array, y: Array, fold: Indices, run: Indices
 ) -> Array:
-    """(2, n) errors of y predicted across the halves of each run by waves times factors.
+    """(ROUNDS, n) errors of y predicted across the halves of each run by waves times factors.
 
-    Waves that correlate most with y are used: ``SPARSE_SIZES[-1]`` or ``N_FEATURES`` of them.
+    Each round adds the ``SPARSE_SIZES[0]`` products that correlate most with what the others leave
+    (orthogonal matching pursuit, Pati et al. 1993).
 
     Args:
         waves: (n, W) as from ``_waves_of_turns``.
-        factors: (n, 2) first and last factor of the features.
+        factors: (n, M) those of the features.
         y, fold, run: as in ``_cross_predict``.
     """
-    off = np.array([y, y])
+    off = np.tile(y, (ROUNDS, 1))
     for r in np.unique(run):
         halves = [np.flatnonzero((run == r) & (fold == h)) for h in (0, 1)]
-        own = [
-            np.concatenate([waves[at] * factors[at, i : i + 1] for i in (0, 1)], axis=1)
-            for at in halves
-        ]
-        for here, there in ((0, 1), (1, 0)):
-            of_other = y[halves[there]]
-            fit = np.abs(own[there].T @ of_other) / np.linalg.norm(own[there], axis=0).clip(1e-6)
-            order = np.argsort(-fit)
-            for i, size in enumerate((SPARSE_SIZES[-1], N_FEATURES)):
-                use = order[:size]
-                q = own[there][:, use]
-                weights = np.linalg.solve(q.T @ q + np.eye(len(use)), q.T @ of_other)
-                off[i, halves[here]] -= own[here][:, use] @ weights
+        for at, others in (halves, halves[::-1]):
+            w, f = waves[others], factors[others]
+            size = np.linalg.norm(f, axis=0).clip(1e-12)  # mean square of a wave: one half
+            left, used = y[others], np.zeros(0, dtype=int)
+            for error in off:
+                fit = w.T @ (f * left[:, None]) / size
+                used = np.union1d(used, np.argsort(-np.abs(fit), axis=None)[: SPARSE_SIZES[0]])
+                wave, factor = np.unravel_index(used, fit.shape)
+                P = w[:, wave] * f[:, factor]
+                weights = np.linalg.solve(P.T @ P + np.eye(P.shape[1]), P.T @ y[others])
+                left = y[others] - P @ weights
+                error[at] -= (waves[np.ix_(at, wave)] * factors[np.ix_(at, factor)]) @ weights
     return off
 
 

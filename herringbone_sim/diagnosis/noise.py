@@ -13,7 +13,7 @@ from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
 
 # Fraction of an observation's rows assumed to contain no more than noise; chosen.
 NOISE_QUANTILE = 0.25
-MOST = 0.5  # fraction of the predictable chi2 that offsets explain if they are most of it
+OFFSET_SHARE = 0.5  # least part of the predictable chi2 that offsets explain; chosen
 
 
 def offset_sds(
@@ -55,7 +55,7 @@ def offset_sds(
         explained += values * float(((runs - 1) * variance / factor).sum())
         count += values * float(recorded.sum())
         by_chance += float((runs - 1).sum())
-    least = min(MIN_GAIN_PER_VALUE * count, max(by_chance, MOST * predicted))
+    least = min(MIN_GAIN_PER_VALUE * count, max(by_chance, OFFSET_SHARE * predicted))
     return (sds, explained) if explained > least else ({}, 0.0)
 
 

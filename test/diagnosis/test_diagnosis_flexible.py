@@ -54,10 +54,10 @@ def test_most_of_a_smooth_factor_of_what_is_measured_is_predictable(measured, la
 
 
 def test_what_repeats_with_the_turn_of_a_member_is_predictable_whatever_its_shape():
-    """Five waves of random orders below two of the mesh; random features don't follow them."""
+    """Fifteen waves of random orders below two of the mesh; random features don't follow them."""
     rng = np.random.default_rng(4)
     phase = np.linspace(0.0, 2.0 * np.pi * 120.0, 2400)[:, None]
-    orders, at = rng.choice(np.arange(1, 51), 5, replace=False), rng.uniform(0.0, 6.0, 5)
+    orders, at = rng.choice(np.arange(1, 51), 15, replace=False), rng.uniform(0.0, 6.0, 15)
     shape = np.cos(phase / 25.0 * orders + at).sum(axis=1, keepdims=True)
     runs = [
         RegressionInputs(
