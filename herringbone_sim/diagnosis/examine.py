@@ -147,7 +147,7 @@ def examine(
     flexible = {"none": remainder}
     pairs: tuple[FittedExplanation, ...] = ()
     if singles:
-        first = simplest_equivalent(none, singles)
+        first = _first_of_pairs(none, singles, most)
         flexible["single"] = _predictable_remainder(search, singles[0], remainder)
         if machine.estimates_states and not noise_known:
             noise = less_noise(search.noise, flexible["single"])
@@ -157,7 +157,7 @@ def examine(
                 search, none, singles = _with_noise(search, noise, none, singles)
                 search = search.onwards(search.machine)
                 ranked = [(v * none.loss / before, h, start) for v, h, start in ranked]
-                first = simplest_equivalent(none, singles)
+                first = _first_of_pairs(none, singles, most)
                 remainder = flexible["none"] = _predictable_remainder(search, none)
                 flexible["single"] = _predictable_remainder(search, singles[0], remainder)
         if machine.estimates_states and not idle:
@@ -166,7 +166,7 @@ def examine(
         if pairs:
             before_pairs = singles[0]
             singles = with_each_alone(search, pairs, singles)
-            first = simplest_equivalent(none, singles)
+            first = _first_of_pairs(none, singles, most)
             if singles[0] is not before_pairs:
                 flexible["single"] = _predictable_remainder(search, singles[0], remainder)
             flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
@@ -359,6 +359,20 @@ def _is_worth_seeking(none: FittedExplanation, best: FittedExplanation, most: fl
     """Whether the best effect leaves too much, and explains ``WORTH_SEEKING`` of the gap."""
     gained = none.loss - best.loss
     return best.score.in_sample > most and gained > WORTH_SEEKING * (none.loss - most)
+
+
+def _first_of_pairs(
+    none: FittedExplanation, singles: Sequence[FittedExplanation], most: float
+) -> FittedExplanation:
+    """Return the simplest of about the best single effects, beside which others are fitted.
+
+    A moving part is passed over where it is not worth seeking further: fits beside it are long.
+    """
+    first = simplest_equivalent(none, singles)
+    ranked = [f for f in singles if _is_ranked(f)]
+    if _is_ranked(first) or not ranked or _is_worth_seeking(none, first, most):
+        return first
+    return simplest_equivalent(none, ranked)
 
 
 def _is_ranked(explanation: FittedExplanation) -> bool:

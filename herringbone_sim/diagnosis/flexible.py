@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array, Flags, Indices
+from herringbone_sim.diagnosis.threads import parallel_map
 
 # Chosen, not fitted:
 N_FEATURES = 200
@@ -140,11 +141,18 @@ def predict_residuals(
     of_run = np.repeat(np.arange(runs), [len(r) for r in residuals])
     fold = np.concatenate(blocks) % 2
     angles = np.concatenate([s.angles for s in inputs])
-    waves = _waves_of_turns(angles) if first.responses is None and angles.size else None
-    for row in range(R):
+    halves = []
+    if first.responses is None and angles.size:
+        waves = _waves_of_turns(angles)
+        every = [
+            [np.flatnonzero((of_run == r) & (fold == h)) for h in (0, 1)] for r in range(runs)
+        ]
+        halves = [[(at, waves[:, at]) for at in of_halves] for of_halves in every]
+
+    def predict_row(row: int) -> None:
         y = np.concatenate([r[:, row] for r in residuals])
         if not np.any(y):
-            continue
+            return
         responses = [s.responses[:, row] for s in inputs if s.responses is not None]
         if responses:
             P = _unit_rms(np.concatenate(responses))
@@ -153,32 +161,34 @@ def predict_residuals(
             factors = _unit_rms(np.concatenate([s.factors[:, row] for s in inputs]))
             P = features(values, angles, factors)
         off = _cross_predict(P, y, fold, of_run)
-        if waves is not None:
-            by_turns = _cross_predict_by_turns(waves, factors, y, fold, of_run)
+        if halves:
+            by_turns = _cross_predict_by_turns(halves, factors, y)
             off = min(off, *by_turns, key=lambda error: float(error @ error))
         chi2[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
+
+    parallel_map(predict_row, range(R))
     count = np.bincount(of_run, minlength=runs)[:, None] * (chi2 > 0.0)
     return Predictable(chi2, left, count.astype(float), thin * independent_share)
 
 
 def _waves_of_turns(angles: Array) -> Array:
-    """Cosines and sines (n, W) of the multiples of angles (n, A).
+    """Cosines and sines (W, n) of the multiples of angles (n, A).
 
     They go up to the rate of the harmonic ``MAX_HARMONIC`` of the first angle.
     """
     spans = np.ptp(angles, axis=0)
     multiples = [
-        np.outer(angle, np.arange(1, round(MAX_HARMONIC * spans[0] / span) + 1))
+        np.outer(np.arange(1, round(MAX_HARMONIC * spans[0] / span) + 1), angle)
         for angle, span in zip(angles.T, spans, strict=True)
     ]
-    turned = np.concatenate(multiples, axis=1) % (2.0 * np.pi)
-    waves: Array = np.concatenate([np.cos(turned), np.sin(turned)], axis=1).astype(np.float32)
+    turned = np.concatenate(multiples) % (2.0 * np.pi)
+    waves: Array = np.concatenate([np.cos(turned), np.sin(turned)]).astype(np.float32)
     return waves
 
 
 def _cross_predict_by_turns(
-    waves: Array, factors: Array, y: Array, fold: Indices, run: Indices
+    halves: Sequence[Sequence[tuple[Indices, Array]]], factors: Array, y: Array
 ) -> Array:
     """(ROUNDS, n) errors of y predicted across the halves of each run by waves times factors.
 
@@ -186,25 +196,25 @@ def _cross_predict_by_turns(
     (orthogonal matching pursuit, Pati et al. 1993).
 
     Args:
-        waves: (n, W) as from ``_waves_of_turns``.
+        halves: the two of each run: samples, and waves of them as from ``_waves_of_turns``.
         factors: (n, M) those of the features.
-        y, fold, run: as in ``_cross_predict``.
+        y: (n,) as in ``_cross_predict``.
     """
     off = np.tile(y, (ROUNDS, 1))
-    for r in np.unique(run):
-        halves = [np.flatnonzero((run == r) & (fold == h)) for h in (0, 1)]
-        for at, others in (halves, halves[::-1]):
-            w, f = waves[others], factors[others]
-            size = np.linalg.norm(f, axis=0).clip(1e-12)  # mean square of a wave: one half
+    factors = factors.T.astype(np.float32)
+    for first, second in halves:
+        for (at, w), (others, v) in ((first, second), (second, first)):
+            f = factors[:, others]
+            size = np.linalg.norm(f, axis=1)[:, None].clip(1e-12)  # mean square of a wave: 1/2
             left, used = y[others], np.zeros(0, dtype=int)
             for error in off:
-                fit = w.T @ (f * left[:, None]) / size
+                fit = (f * left.astype(f.dtype)) @ v.T / size
                 used = np.union1d(used, np.argsort(-np.abs(fit), axis=None)[: SPARSE_SIZES[0]])
-                wave, factor = np.unravel_index(used, fit.shape)
-                P = w[:, wave] * f[:, factor]
-                weights = np.linalg.solve(P.T @ P + np.eye(P.shape[1]), P.T @ y[others])
-                left = y[others] - P @ weights
-                error[at] -= (waves[np.ix_(at, wave)] * factors[np.ix_(at, factor)]) @ weights
+                factor, wave = np.unravel_index(used, fit.shape)
+                P = v[wave] * f[factor]
+                weights = np.linalg.solve(P @ P.T + np.eye(len(P)), P @ y[others])
+                left = y[others] - weights @ P
+                error[at] -= weights @ (w[wave] * factors[np.ix_(factor, at)])
     return off
 
 

@@ -15,7 +15,7 @@ from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block, products
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import functions_used
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, functions_used
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
@@ -35,6 +35,9 @@ RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalo
 HARD_END, SOFT_END = 0.05, 0.5
 START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen; ``film`` is 1
 MAX_TRIALS = 60  # evaluations of the local search, chosen for run time
+# Fraction of the smallest relevant gain below which the best part of the grids is not refined: a
+# refinement gains far less than ten times. Chosen for run time.
+MIN_REFINED_SHARE = 0.1
 
 Grid = list[tuple[float, ...]]  # values of ``Seat.theta``
 GRIDS: tuple[tuple[str, Grid], ...] = (
@@ -69,15 +72,16 @@ def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     """
     if any(g.dense is None for g in gear.runs):
         return []
-    return best_seats(PartTrial(gear, amplitudes, known))
+    least = MIN_REFINED_SHARE * MIN_GAIN_PER_VALUE * known.count
+    return best_seats(PartTrial(gear, amplitudes, known), least)
 
 
-def best_seats(trial: PartTrial) -> list[Seat]:
+def best_seats(trial: PartTrial, least_refined: float) -> list[Seat]:
     """Return the moving part of each of ``GRIDS`` that removes most chi2, as evaluated by a trial.
 
     All points of a grid are tried at the places with most meshes (both sides of the gear), then
     the best point at every place inside the best of these. The best part of all grids is refined
-    by a local search.
+    by a local search if it removes at least ``least_refined``.
     """
     layout = trial.gear.model.layout
     best_by_grid = []
@@ -92,6 +96,8 @@ def best_seats(trial: PartTrial) -> list[Seat]:
         best = trial.best([replace(best, locus=p) for p in parts])
         best_by_grid.append(trial.evaluated(best))
     first = max(best_by_grid, key=lambda seat: seat.measured_gain)
+    if first.measured_gain < least_refined:
+        return best_by_grid
     return [trial.refined(seat) if seat is first else seat for seat in best_by_grid]
 
 

@@ -16,6 +16,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
@@ -27,7 +28,7 @@ from herringbone_sim.gap.observations.window_columns import responses
 
 def proposals(gear: Gear, amplitudes: Amplitudes, known: Score) -> list[Seat]:
     """Moving parts that remove most chi2 of the windows; see ``seat_grid.proposals``."""
-    return best_seats(WindowPartTrial(gear, amplitudes, known))
+    return best_seats(WindowPartTrial(gear, amplitudes, known), CHANCE_CHI2)
 
 
 # Search for better parameters of a part; chosen for run time.
