@@ -125,44 +125,47 @@ def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _interpolate(m, at, s, x, v, k):  # type: ignore[no-untyped-def]
-    """Interpolate x, v and k (j,), in place, at the fraction s between samples ``at`` and
-    ``at`` + 1; return ``MeshLoads.rest`` there [N].
+def _acceleration(springs, others, p, cos_beta, s, q, rate):  # type: ignore[no-untyped-def]
+    """Acceleration [m/s^2] of a part on a seat at displacement q [m] and ``rate`` [m/s].
+
+    Args:
+        springs: (j, 7) x, k, their increments to the next sample, ends of the backlash and noise.
+        others: force at x = 0 and at rest, its increment to the next sample, sum of c, and the
+            same two of the force on the carrying body.
+        p: fields of ``SeatSpring``.
+        s: time since the sample, as a fraction of the step to the next.
     """
-    to = min(at + 1, m.x.shape[0] - 1)
-    for j in range(m.x.shape[1]):
-        x[j] = m.x[at, j] + s * (m.x[to, j] - m.x[at, j])
-        v[j] = m.v[at, j] + s * (m.v[to, j] - m.v[at, j])
-        k[j] = m.k[at, j] + s * (m.k[to, j] - m.k[at, j])
-    return m.rest[at] + s * (m.rest[to] - m.rest[at])
+    pushed = others[0] + s * others[1] - cos_beta * others[2] * rate
+    for j in range(springs.shape[0]):
+        y = springs[j, 0] + s * springs[j, 1] - cos_beta * q
+        above, below = y - springs[j, 4], -y - springs[j, 5]
+        f = max(above, 0.0) - max(below, 0.0)
+        # Expectation over the noise of x, which matters near the ends of the backlash alone.
+        noise = springs[j, 6]
+        if abs(above) < 6.0 * noise:
+            f += noise * _rounding(above / noise)
+        if abs(below) < 6.0 * noise:
+            f -= noise * _rounding(below / noise)
+        pushed += (springs[j, 2] + s * springs[j, 3]) * f
+    hold = _seat_force(p, q, rate)
+    return (cos_beta * pushed - hold) / p[0] - (others[3] + s * others[4] + hold) / p[1]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, out):  # type: ignore[no-untyped-def]
-    """Write to ``out`` (L,) the accelerations [m/s^2] of a part on L seats at q, ``rate`` (L,).
-
-    x, v, k and ``rest`` are those of ``_interpolate``; other terms are those of sample ``at``.
-    """
-    L = len(q)
-    out[:] = 0.0
-    for j in range(len(x)):
-        plus, minus, noise = m.plus[at, j], m.minus[at, j], m.noise[j]
-        c, extra = m.c[at, j], m.extra_force[at, j]
-        for i in range(L):
-            y = x[j] - cos_beta * q[i]
-            f = max(y - plus, 0.0) - max(-y - minus, 0.0)
-            out[i] += k[j] * f + c * (v[j] - cos_beta * rate[i]) + extra
-        # Expectation over the noise of x, which matters near the ends of the backlash alone.
-        near = 6.0 * noise
-        for i in range(L):
-            y = x[j] - cos_beta * q[i]
-            if abs(y - plus) < near:
-                out[i] += k[j] * noise * _rounding((y - plus) / noise)
-            if abs(y + minus) < near:
-                out[i] -= k[j] * noise * _rounding((y + minus) / noise)
-    for i in range(L):
-        hold = _seat_force(p[i], q[i], rate[i])
-        out[i] = (cos_beta * out[i] - hold) / p[i, 0] - (rest + hold) / p[i, 1]
+def _load(m, at, springs, others):  # type: ignore[no-untyped-def]
+    """Write ``springs`` and ``others`` of ``_acceleration`` from sample ``at`` on."""
+    to = min(at + 1, m.x.shape[0] - 1)
+    others[:] = 0.0
+    for j in range(m.x.shape[1]):
+        springs[j, 0], springs[j, 1] = m.x[at, j], m.x[to, j] - m.x[at, j]
+        springs[j, 2], springs[j, 3] = m.k[at, j], m.k[to, j] - m.k[at, j]
+        springs[j, 4], springs[j, 5] = m.plus[at, j], m.minus[at, j]
+        springs[j, 6] = m.noise[j]
+        c = m.c[at, j]
+        others[0] += c * m.v[at, j] + m.extra_force[at, j]
+        others[1] += c * (m.v[to, j] - m.v[at, j])
+        others[2] += c
+    others[3], others[4] = m.rest[at], m.rest[to] - m.rest[at]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -174,42 +177,36 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
     """
     n, L = m.x.shape[0], p.shape[0]
     motion = np.empty((L, n, 2))
-    x, v, k = np.empty((3, m.x.shape[1]))
-    q, rate, q2, r2, q3, r3, q4, r4, a1, a2, a3, a4 = np.zeros((12, L))
+    springs, others = np.empty((m.x.shape[1], 7)), np.empty(5)
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
-    low, high = np.full(L, -1e-3), np.full(L, 1e-3)
-    rest = _interpolate(m, 0, 0.0, x, v, k)
-    for _ in range(60):
-        q[:] = 0.5 * (low + high)
-        _accelerate(m, p, cos_beta, 0, x, v, k, rest, q, rate, a1)
-        for i in range(L):
-            if a1[i] > 0.0:
-                low[i] = q[i]
+    _load(m, 0, springs, others)
+    for i in range(L):
+        low, high = -1e-3, 1e-3
+        for _ in range(60):
+            q = 0.5 * (low + high)
+            if _acceleration(springs, others, p[i], cos_beta, 0.0, q, 0.0) > 0.0:
+                low = q
             else:
-                high[i] = q[i]
+                high = q
+        motion[i, 0] = 0.5 * (low + high), 0.0
     h = m.step / parts
-    for at in range(n):
-        motion[:, at, 0], motion[:, at, 1] = q, rate
-        if at + 1 == n:
-            break
-        for part in range(parts):
-            rest = _interpolate(m, at, part / parts, x, v, k)
-            _accelerate(m, p, cos_beta, at, x, v, k, rest, q, rate, a1)
-            for i in range(L):
-                q2[i], r2[i] = q[i] + 0.5 * h * rate[i], rate[i] + 0.5 * h * a1[i]
-            rest = _interpolate(m, at, (part + 0.5) / parts, x, v, k)
-            _accelerate(m, p, cos_beta, at, x, v, k, rest, q2, r2, a2)
-            for i in range(L):
-                q3[i], r3[i] = q[i] + 0.5 * h * r2[i], rate[i] + 0.5 * h * a2[i]
-            _accelerate(m, p, cos_beta, at, x, v, k, rest, q3, r3, a3)
-            for i in range(L):
-                q4[i], r4[i] = q[i] + h * r3[i], rate[i] + h * a3[i]
-            rest = _interpolate(m, at, (part + 1.0) / parts, x, v, k)
-            _accelerate(m, p, cos_beta, at, x, v, k, rest, q4, r4, a4)
-            for i in range(L):
-                q[i] += h * (rate[i] + 2.0 * r2[i] + 2.0 * r3[i] + r4[i]) / 6.0
-                rate[i] += h * (a1[i] + 2.0 * a2[i] + 2.0 * a3[i] + a4[i]) / 6.0
-        for i in range(L):  # reset a diverged trial
-            if not abs(q[i]) < DIVERGED_M:
-                q[i], rate[i] = 0.0, 0.0
+    for at in range(n - 1):
+        _load(m, at, springs, others)
+        for i in range(L):
+            seat = p[i]
+            q, rate = motion[i, at]
+            for part in range(parts):
+                s, middle, end = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
+                a1 = _acceleration(springs, others, seat, cos_beta, s, q, rate)
+                q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
+                a2 = _acceleration(springs, others, seat, cos_beta, middle, q2, r2)
+                q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
+                a3 = _acceleration(springs, others, seat, cos_beta, middle, q3, r3)
+                q4, r4 = q + h * r3, rate + h * a3
+                a4 = _acceleration(springs, others, seat, cos_beta, end, q4, r4)
+                q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
+                rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+            if not abs(q) < DIVERGED_M:  # reset a diverged trial
+                q, rate = 0.0, 0.0
+            motion[i, at + 1] = q, rate
     return motion
