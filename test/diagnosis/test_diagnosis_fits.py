@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.diagnosis.coefficients import Coefficient
+from herringbone_sim.diagnosis.examine import WORTH_SEEKING, _first_of_pairs
 from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
@@ -74,6 +75,22 @@ def test_the_other_law_of_the_best_effect_is_fitted_once() -> None:
     for fitted in (1, 2):
         found = screened([(by_load, 4.0), (contact, 2.0), (elsewhere, 1.0)], fitted)
         assert [f.hypotheses[0] for f in found] == [contact, by_load]
+
+
+def test_pairs_stand_on_a_moving_part_only_if_it_explains_enough() -> None:
+    """Of a gap of 100, by chi2: a fit beside a part takes as long as ten others."""
+
+    def fit(effect: str, loss: float, part: bool) -> FittedExplanation:
+        hypothesis = replace(one(effect), measured_gain=1.0 if part else None)
+        score: Any = SimpleNamespace(loss=loss, in_sample=loss, coefficients=(0,))
+        return FittedExplanation((hypothesis,), score)
+
+    none = FittedExplanation((), SimpleNamespace(loss=200.0, in_sample=200.0))  # type: ignore[arg-type]
+    other = fit("stiffness", 195.0, part=False)
+    for gained, first in ((90.0 * WORTH_SEEKING, "stiffness"), (110.0 * WORTH_SEEKING, "ring")):
+        part = fit("ring", 200.0 - gained, part=True)
+        assert _first_of_pairs(none, [part, other], 100.0).effects == (first,)
+        assert _first_of_pairs(none, [part], 100.0).effects == ("ring",)
 
 
 def test_nothing_to_fit_stays_nothing() -> None:

@@ -10,7 +10,7 @@ from scipy.special import expit
 
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.diagnose import diagnose, machine_of
 from herringbone_sim.gap.observations.body_motion import body_loads
@@ -18,7 +18,7 @@ from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.runs import gear_run
-from herringbone_sim.gap.observations.seat_grid import PartTrial
+from herringbone_sim.gap.observations.seat_grid import GRIDS, PartTrial, best_seats, proposals
 from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
@@ -148,6 +148,21 @@ def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> Non
     assert best.effect == "ring_flexibility"
     ratio = dict(best.options)["stiffness"] / true["parameters"]["stiffness"]["value"]
     assert 0.4 < ratio < 2.5
+
+
+def test_a_part_that_could_explain_nothing_relevant_is_not_refined() -> None:
+    """Of a rig without effect; the grids are tried all the same."""
+    gear = Gear(list(rig({}, cycles=20).runs))
+    known = Search(GearMachine(gear)).null
+    unrefined = proposals(gear, {}, known)
+    thetas = {theta for effect, grid in GRIDS for theta in grid}
+    assert len(unrefined) == len(GRIDS)
+    assert {seat.theta for seat in unrefined} <= thetas
+    trial = PartTrial(gear, {}, known)
+    refined = best_seats(trial, -np.inf)
+    assert {seat.theta for seat in refined} - thetas
+    relevant = MIN_GAIN_PER_VALUE * known.count
+    assert max(seat.measured_gain for seat in refined) < relevant
 
 
 def test_two_parts_at_one_place_are_driven_each_by_its_own_meshes() -> None:
