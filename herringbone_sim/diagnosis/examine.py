@@ -110,9 +110,11 @@ def examine(
     machine = in_best_orders(search, catalogue)
     search = search.with_machine(machine)
     search, ranked = rank(search, catalogue, None)
+    fitted: Sequence[FittedExplanation] = ()
     if not machine.estimates_states:
-        offsets = _offsets_by_drift(search, none, ranked, _predicted_chi2(remainder))
+        offsets, fitted = _offsets_by_drift(search, none, ranked, _predicted_chi2(remainder))
         if offsets:
+            fitted = ()
             say("drift")
             search = Search(machine, start=none.score.mean, offsets=offsets)
             search, none, remainder = _calibrated(search, noise_known)
@@ -130,14 +132,14 @@ def examine(
         limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
     if idle:  # fits of moving parts are long, and none of them explains a gap
         quick = [entry for entry in ranked if entry[1].measured_gain is None]
-        singles = fit_best(search, quick or ranked, MIN_FITTED, limits[1])
+        singles = fit_best(search, quick or ranked, MIN_FITTED, limits[1], fitted)
     else:
-        singles = fit_best(search, ranked, *limits)
+        singles = fit_best(search, ranked, *limits, fitted)
     if machine.estimates_states:
         if not idle:
             singles = with_unscreened(search, ranked, singles)
-        again, *fitted = (fit_again(search, f) for f in (none, *singles))
-        singles = tuple(sorted(fitted, key=lambda f: f.loss))
+        again, *refitted = (fit_again(search, f) for f in (none, *singles))
+        singles = tuple(sorted(refitted, key=lambda f: f.loss))
         if singles and _is_worth_seeking(none, singles[0], most):
             search, singles = with_better_part(search, singles, most)
             singles = with_fits_anew(search, singles, most)
@@ -280,7 +282,7 @@ def _calibrated(
 
 def _offsets_by_drift(
     search: Search, none: FittedExplanation, ranked: Ranking, predicted: float
-) -> dict[str, Array]:
+) -> tuple[dict[str, Array], tuple[FittedExplanation, ...]]:
     """Estimate offsets by drift as ``offset_sds``, from the fit that leaves least of them.
 
     A bias is the same in all runs, but neither the same multiple of their noise nor as visible in
@@ -291,6 +293,9 @@ def _offsets_by_drift(
         none: fit without effects.
         ranked: as from ``rank``, without offsets.
         predicted: as in ``offset_sds``.
+
+    Returns:
+        The offsets, and the fits made of single effects.
     """
     assumed = copy.copy(search)
     assumed.noise = {}
@@ -301,17 +306,18 @@ def _offsets_by_drift(
 
     offsets, explained = left_by(none)
     if not offsets:
-        return {}
+        return {}, ()
     able = [
         (loss, hypothesis, start)
         for loss, hypothesis, start in ranked
         if none.loss - loss > OFFSET_SHARE * explained or hypothesis.partly_screened
     ]
-    for single in fit_best(search, able, MIN_FITTED, MAX_FITTED_PER_EFFECT):
+    singles = fit_best(search, able, MIN_FITTED, MAX_FITTED_PER_EFFECT)
+    for single in singles:
         found, by_found = left_by(single)
         if by_found < explained:
             offsets, explained = found, by_found
-    return offsets
+    return offsets, singles
 
 
 def _exchange_of_channels(search: Search, none: FittedExplanation) -> FittedExplanation | None:

@@ -127,16 +127,21 @@ def rank(
 
 
 def fit_best(
-    search: Search, ranked: Ranking, max_fits: int, per_effect: int
+    search: Search,
+    ranked: Ranking,
+    max_fits: int,
+    per_effect: int,
+    fitted: Sequence[FittedExplanation] = (),
 ) -> tuple[FittedExplanation, ...]:
     """Fit the best ranked hypotheses exactly: ``max_fits`` in all, ``per_effect`` of each effect.
 
-    The fits are best first.
+    The fits are best first. Those of hypotheses in ``fitted`` are not made again.
 
     Partly screened hypotheses of an effect are counted apart, as the part that the screen misses
     may be why they are ranked behind its others.
     """
     fits: list[FittedExplanation] = []
+    made = {id(f.hypotheses[0]): f for f in fitted}
     per: dict[tuple[str, bool], int] = {}
     for _, hypothesis, start in ranked:
         if len(fits) == max_fits:
@@ -144,7 +149,7 @@ def fit_best(
         family = (hypothesis.effect, hypothesis.partly_screened)
         if per.get(family, 0) < per_effect:
             per[family] = per.get(family, 0) + 1
-            fits.append(fit_effect(search, hypothesis, start))
+            fits.append(made.get(id(hypothesis)) or fit_effect(search, hypothesis, start))
     return tuple(sorted(fits, key=lambda f: f.loss))
 
 

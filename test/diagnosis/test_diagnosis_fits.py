@@ -93,6 +93,23 @@ def test_pairs_stand_on_a_moving_part_only_if_it_explains_enough() -> None:
         assert _first_of_pairs(none, [part], 100.0).effects == ("ring",)
 
 
+def test_a_fit_that_was_made_is_not_made_again() -> None:
+    """A fit of another hypothesis of the same effect does not stand for it."""
+
+    def refined(coefficients: Any, start: np.ndarray) -> Any:
+        return SimpleNamespace(loss=5.0, mean=start, in_sample=5.0)
+
+    null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
+    search: Any = SimpleNamespace(refined=refined, settled=lambda score: score, null=null)
+    here, there = one("stiffness"), one("stiffness", place="left")
+    score: Any = SimpleNamespace(loss=7.0, in_sample=7.0)
+    before = FittedExplanation((here,), score)
+    ranked = [(0.0, here, np.zeros(3)), (1.0, there, np.zeros(3))]
+    fits = fit_best(search, ranked, 2, 2, (before,))
+    assert fits[1] is before
+    assert [f.loss for f in fits] == [5.0, 7.0]
+
+
 def test_nothing_to_fit_stays_nothing() -> None:
     assert screened([], 0) == []
 
