@@ -56,7 +56,8 @@ from herringbone_sim.diagnosis.search import (
 )
 from herringbone_sim.diagnosis.threads import parallel_map
 
-# Fraction of the gap that an effect must explain to be sought further; chosen for run time.
+# Fraction of the gap that an effect must explain to be sought further; chosen for run time, below
+# what the best single effect explains in any pair of the stored evidence.
 WORTH_SEEKING = 0.25
 BLOCK_CYCLES = 6.0  # mesh cycles of a cross-validation block, longer than the memory of a mesh
 

@@ -11,6 +11,8 @@ import pytest
 
 from herringbone_sim.diagnosis import judge, judge_weights
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
+from herringbone_sim.diagnosis.examine import WORTH_SEEKING
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.calibrate import calibrate, counted, judged
 from herringbone_sim.practice.case_evidence import CaseEvidence, read_evidence, write_evidence
@@ -44,6 +46,19 @@ def test_seeds_of_the_evidence_are_told_by_series(campaigns: list[CaseEvidence])
         with pytest.raises(AnalysisError, match="frozen on"):
             check_seeds([one.seed], False)
     assert check_seeds([305_000, 400_000, 900_000], False).seeds == ()
+
+
+def test_the_best_single_effect_of_a_pair_is_worth_seeking(campaigns: list[CaseEvidence]) -> None:
+    """In every stored pair that shows: no first effect is passed over for being a moving part."""
+    shares = []
+    for case in campaigns:
+        evidence = case.evidence
+        none, *others = (c.chi2 for c in evidence.candidates if len(c.effects) < 2)
+        gap = none - (1.0 + MIN_GAIN_PER_VALUE) * evidence.count
+        if len(case.truth) == 2 and gap > 0.0 and others:
+            shares.append((none - min(others)) / gap)
+    assert len(shares) > 80
+    assert min(shares) > WORTH_SEEKING
 
 
 def test_what_chance_adds_is_no_excess() -> None:

@@ -125,17 +125,18 @@ def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _acceleration(springs, others, p, cos_beta, s, q, rate):  # type: ignore[no-untyped-def]
+def _acceleration(springs, loads, p, cos_beta, s, q, rate):  # type: ignore[no-untyped-def]
     """Acceleration [m/s^2] of a part on a seat at displacement q [m] and ``rate`` [m/s].
 
     Args:
-        springs: (j, 7) x, k, their increments to the next sample, ends of the backlash and noise.
-        others: force at x = 0 and at rest, its increment to the next sample, sum of c, and the
-            same two of the force on the carrying body.
+        springs: (j, 7) of each mesh x, its increment to the next sample, k, its increment, both
+            ends of the backlash and the noise of x.
+        loads: (5,) sum over the meshes of c v and of forces independent of the motion, its
+            increment to the next sample, sum of c, ``MeshLoads.rest`` and its increment.
         p: fields of ``SeatSpring``.
         s: time since the sample, as a fraction of the step to the next.
     """
-    pushed = others[0] + s * others[1] - cos_beta * others[2] * rate
+    pushed = loads[0] + s * loads[1] - cos_beta * loads[2] * rate
     for j in range(springs.shape[0]):
         y = springs[j, 0] + s * springs[j, 1] - cos_beta * q
         above, below = y - springs[j, 4], -y - springs[j, 5]
@@ -148,24 +149,27 @@ def _acceleration(springs, others, p, cos_beta, s, q, rate):  # type: ignore[no-
             f -= noise * _rounding(below / noise)
         pushed += (springs[j, 2] + s * springs[j, 3]) * f
     hold = _seat_force(p, q, rate)
-    return (cos_beta * pushed - hold) / p[0] - (others[3] + s * others[4] + hold) / p[1]
+    return (cos_beta * pushed - hold) / p[0] - (loads[3] + s * loads[4] + hold) / p[1]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _load(m, at, springs, others):  # type: ignore[no-untyped-def]
-    """Write ``springs`` and ``others`` of ``_acceleration`` from sample ``at`` on."""
+def _begin_step(m, at, springs, loads):  # type: ignore[no-untyped-def]
+    """Fill in ``springs`` and ``loads`` of ``_acceleration`` for the step from sample ``at``.
+
+    The backlash, c and forces independent of the motion are those of this sample.
+    """
     to = min(at + 1, m.x.shape[0] - 1)
-    others[:] = 0.0
+    loads[:] = 0.0
     for j in range(m.x.shape[1]):
         springs[j, 0], springs[j, 1] = m.x[at, j], m.x[to, j] - m.x[at, j]
         springs[j, 2], springs[j, 3] = m.k[at, j], m.k[to, j] - m.k[at, j]
         springs[j, 4], springs[j, 5] = m.plus[at, j], m.minus[at, j]
         springs[j, 6] = m.noise[j]
         c = m.c[at, j]
-        others[0] += c * m.v[at, j] + m.extra_force[at, j]
-        others[1] += c * (m.v[to, j] - m.v[at, j])
-        others[2] += c
-    others[3], others[4] = m.rest[at], m.rest[to] - m.rest[at]
+        loads[0] += c * m.v[at, j] + m.extra_force[at, j]
+        loads[1] += c * (m.v[to, j] - m.v[at, j])
+        loads[2] += c
+    loads[3], loads[4] = m.rest[at], m.rest[to] - m.rest[at]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -177,33 +181,33 @@ def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
     """
     n, L = m.x.shape[0], p.shape[0]
     motion = np.empty((L, n, 2))
-    springs, others = np.empty((m.x.shape[1], 7)), np.empty(5)
+    springs, loads = np.empty((m.x.shape[1], 7)), np.empty(5)
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
-    _load(m, 0, springs, others)
+    _begin_step(m, 0, springs, loads)
     for i in range(L):
         low, high = -1e-3, 1e-3
         for _ in range(60):
             q = 0.5 * (low + high)
-            if _acceleration(springs, others, p[i], cos_beta, 0.0, q, 0.0) > 0.0:
+            if _acceleration(springs, loads, p[i], cos_beta, 0.0, q, 0.0) > 0.0:
                 low = q
             else:
                 high = q
         motion[i, 0] = 0.5 * (low + high), 0.0
     h = m.step / parts
     for at in range(n - 1):
-        _load(m, at, springs, others)
+        _begin_step(m, at, springs, loads)
         for i in range(L):
             seat = p[i]
             q, rate = motion[i, at]
             for part in range(parts):
                 s, middle, end = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
-                a1 = _acceleration(springs, others, seat, cos_beta, s, q, rate)
+                a1 = _acceleration(springs, loads, seat, cos_beta, s, q, rate)
                 q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
-                a2 = _acceleration(springs, others, seat, cos_beta, middle, q2, r2)
+                a2 = _acceleration(springs, loads, seat, cos_beta, middle, q2, r2)
                 q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
-                a3 = _acceleration(springs, others, seat, cos_beta, middle, q3, r3)
+                a3 = _acceleration(springs, loads, seat, cos_beta, middle, q3, r3)
                 q4, r4 = q + h * r3, rate + h * a3
-                a4 = _acceleration(springs, others, seat, cos_beta, end, q4, r4)
+                a4 = _acceleration(springs, loads, seat, cos_beta, end, q4, r4)
                 q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
                 rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
             if not abs(q) < DIVERGED_M:  # reset a diverged trial
