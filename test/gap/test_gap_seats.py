@@ -165,6 +165,18 @@ def test_a_part_that_could_explain_nothing_relevant_is_not_refined() -> None:
     assert max(seat.measured_gain for seat in refined) < relevant
 
 
+def test_the_grids_miss_little_of_a_part_that_is_there(ring_campaign) -> None:  # type: ignore[no-untyped-def]
+    """Less than half of the gain comes from refinement, so that a part that matters is refined."""
+    machine = machine_of(calibrated_sensors(as_prepared(ring_campaign)), ())
+    null = Search(machine)
+    about = amplitudes(null.base, null.null.mean, null.runs, null.rows)
+    trial = PartTrial(machine.gear, about, null.null)
+    unrefined, refined = (
+        max(seat.measured_gain for seat in best_seats(trial, least)) for least in (np.inf, -np.inf)
+    )
+    assert unrefined < refined < 2.0 * unrefined
+
+
 def test_two_parts_at_one_place_are_driven_each_by_its_own_meshes() -> None:
     """Of a planet a ring takes the ring meshes, a pin all; the same part again is not formed."""
     gear = Gear(list(rig({}, cycles=20).runs[:1]))

@@ -35,8 +35,9 @@ RING_RATIO, SEAT_RATIO = 0.05, 0.1  # damping ratios, start values of the catalo
 HARD_END, SOFT_END = 0.05, 0.5
 START_GROWTH = 0.3  # value of ``growth`` and ``drag`` (see ``Seat``), chosen; ``film`` is 1
 MAX_TRIALS = 60  # evaluations of the local search, chosen for run time
-# Fraction of the smallest relevant gain below which the best part of the grids is not refined: a
-# refinement gains far less than ten times. Chosen for run time.
+# Fraction of the smallest relevant gain below which the best part of the grids is not refined; for
+# run time. Refinement multiplies the gain of a part that is there by less than two. A part that is
+# not there may imitate another effect once refined, which is no loss.
 MIN_REFINED_SHARE = 0.1
 
 Grid = list[tuple[float, ...]]  # values of ``Seat.theta``
