@@ -40,7 +40,7 @@ from herringbone_sim.gap.observations.trajectory import (
 from herringbone_sim.gap.observations.window_channels import channel_outputs, window_channels
 from herringbone_sim.gap.observations.window_columns import (
     body_forces,
-    encoder_columns,
+    nuisance_columns,
 )
 from herringbone_sim.gap.observations.window_restarts import misfits, restarted
 from herringbone_sim.gap.observations.window_starts import filter_and_fit
@@ -241,7 +241,7 @@ def test_states_are_eliminated_as_by_a_dense_solution(
     """Products of what is left are those with states and encoder errors marginalised."""
     trajectory, shot = one
     s, J = trajectory.windows, dense_jacobian(trajectory.windows, shot)
-    waves, sizes = encoder_columns(s)
+    waves, sizes = nuisance_columns(s)
     states = StateElimination(window_jacobian(s, shot), waves, sizes, STATE_PRECISION)
     values = np.random.default_rng(0).normal(size=(len(J), 3))
     N = np.hstack([J, waves])
@@ -410,7 +410,7 @@ def test_states_far_apart_are_eliminated_all_the_same(
     trajectory, shot = one
     s = trajectory.windows
     wild = replace(shot, slope=shot.slope * np.logspace(0, 20, STATES))
-    states = StateElimination(window_jacobian(s, wild), *encoder_columns(s), STATE_PRECISION)
+    states = StateElimination(window_jacobian(s, wild), *nuisance_columns(s), STATE_PRECISION)
     assert np.isfinite(states.clear(rows(shot)[:, None])).all()
 
 

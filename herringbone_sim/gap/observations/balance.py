@@ -24,7 +24,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.window import Window
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import rigid_rotation
-from herringbone_sim.gap.observations.force_law import encoder_nuisances, slow_waves
+from herringbone_sim.gap.observations.force_law import drift_spread, encoder_nuisances, slow_waves
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.balance import (
@@ -33,7 +33,6 @@ from herringbone_sim.gap.residuals.balance import (
     load_accelerations,
     window_of,
 )
-from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "torque_balance"
 # Error of ``quadrature_n`` counted as noise: variance over its mean square (20 % RMS); chosen.
@@ -129,9 +128,7 @@ def block(
     names, columns = _columns(g, law, modelled, on_bodies, chosen, window, (*parts, more), wanted)
     slow = slow_waves(m.times)[at]
     # The window averages white noise, but neither drift nor hum.
-    spread = DRIFT_SHARE * np.sqrt(
-        2.0 / slow.shape[1] * ((whole**2) @ np.nan_to_num(noise_f) ** 2)
-    )
+    spread = drift_spread(slow.shape[1]) * np.sqrt((whole**2) @ np.nan_to_num(noise_f) ** 2)
     overlap = 2.0 * np.sqrt(np.pi) * window.deviation
     return Block(
         NAME,

@@ -15,12 +15,11 @@ from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, slow_waves
+from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, drift_spread, slow_waves
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.sensors.consistency import Relation, error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.groups import sensor_names
-from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "consistency"
 ERROR_KINDS = ("gain", "bias", "delay", "clock")
@@ -71,7 +70,7 @@ def block(
     nuisance = np.concatenate([slow, turns], axis=1)
     sd = np.concatenate(
         [
-            np.full((R, slow.shape[1]), DRIFT_SHARE * np.sqrt(2.0 / slow.shape[1])),
+            np.full((R, slow.shape[1]), drift_spread(slow.shape[1])),
             np.repeat(_grating_sizes(run, weights[0])[:, None], turns.shape[1], axis=1) + 1e-9,
         ],
         axis=1,

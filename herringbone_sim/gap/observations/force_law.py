@@ -166,6 +166,14 @@ def slow_waves(times: Array) -> Array:
     return np.cos(np.pi * np.outer(at, np.arange(1, count + 1)))
 
 
+def drift_spread(count: int) -> float:
+    """Standard deviation of each of ``count`` slow waves, over the noise of the channel.
+
+    The variance of drift is spread evenly over the cosines, whose mean square is one half.
+    """
+    return float(DRIFT_SHARE * np.sqrt(2.0 / count))
+
+
 def block(
     m: MeshMotion,
     law: Law,
@@ -200,8 +208,7 @@ def block(
         axis=2,
     )
     S = slow.shape[1]
-    # The variance of drift is spread evenly over the cosines, whose mean square is one half.
-    spread = DRIFT_SHARE * np.sqrt(2.0 / S)
+    spread = drift_spread(S)
     sd = np.concatenate(
         [
             np.repeat(spread * np.nan_to_num(m.sigma_F, nan=1.0)[:, None], S, axis=1),

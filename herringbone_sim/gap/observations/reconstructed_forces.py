@@ -41,7 +41,7 @@ from herringbone_sim.gap.observations.shooting import (
 )
 from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
-from herringbone_sim.gap.observations.window_columns import encoder_columns, window_columns
+from herringbone_sim.gap.observations.window_columns import nuisance_columns, window_columns
 from herringbone_sim.gap.observations.windows import Windows
 
 # Prior deviation of the first window's start state over the RMS of the motion, as in the filter of
@@ -171,7 +171,7 @@ class StateErrors(NamedTuple):
     Attributes:
         by_noise: (n, 18, 18) covariance by the noise of the channels.
         by_coefficients: (n, 18, q) by a unit of each independent error of the coefficients.
-        shift: (n, 18) correction of the states for the estimated errors of the encoders.
+        shift: (n, 18) correction of the states for the estimated drift and gratings.
     """
 
     by_noise: Array
@@ -182,7 +182,7 @@ class StateErrors(NamedTuple):
 def _state_errors(
     own: Trajectory, gear: Gear, block: Block, coefficients: Array, noise: float
 ) -> StateErrors:
-    """Errors of the fitted states, with encoder errors estimated together with the states.
+    """Errors of the fitted states, with drift and gratings estimated together with the states.
 
     Args:
         block: of the windows.
@@ -191,7 +191,7 @@ def _state_errors(
     """
     s, (solution, now, m) = own.windows, own.last_linearisation
     W, n = s.n_windows, s.n_windows * STATES
-    waves, sizes = encoder_columns(s)
+    waves, sizes = nuisance_columns(s)
     by_states = window_jacobian(s, solution).times(np.eye(n).reshape(W, STATES, n))
     J = np.hstack([by_states, waves])
     prior = np.append(np.full(n, STATE_PRECISION), sizes**-2.0)
@@ -201,7 +201,7 @@ def _state_errors(
     read = noise * J[: s.measured.size]
     covariance = inverse @ (read.T @ read + np.diag(prior)) @ inverse
     step = inverse @ (J.T @ stacked_residual(solution))
-    by_encoders = -np.linalg.solve(normal[:n, :n], normal[:n, n:] @ step[n:])
+    by_sensors = -np.linalg.solve(normal[:n, :n], normal[:n, n:] @ step[n:])
     functions = (*gear.law_functions, *gear.body_functions)
     responses = window_columns(s, solution, m, now, functions, block.functions)
     moved = -(inverse @ (J.T @ (responses @ coefficients)))[:n]
@@ -214,7 +214,7 @@ def _state_errors(
         (pushed @ coefficients + T @ moved.reshape(W, 1, STATES, -1)).reshape(
             W * s.samples_per_window, STATES, -1
         ),
-        (T @ by_encoders.reshape(W, 1, STATES, 1)).reshape(-1, STATES),
+        (T @ by_sensors.reshape(W, 1, STATES, 1)).reshape(-1, STATES),
     )
 
 

@@ -37,7 +37,7 @@ from herringbone_sim.gap.observations.shooting import (
     window_jacobian,
 )
 from herringbone_sim.gap.observations.window_columns import (
-    encoder_columns,
+    nuisance_columns,
     window_columns,
 )
 from herringbone_sim.gap.observations.window_restarts import (
@@ -81,7 +81,7 @@ class Trajectory(ForcedWindows):
 
     Attributes:
         last_linearisation: states, force law and mesh motion of the last ``block``.
-        last_elimination: elimination of states, encoder errors and trends of the last ``block``.
+        last_elimination: elimination of states, sensor errors and trends of the last ``block``.
     """
 
     _fine = False
@@ -366,7 +366,7 @@ class Trajectory(ForcedWindows):
     ) -> Block:
         """Block of the windows about fitted states, with one row.
 
-        States, encoder errors and trends are eliminated. Sets ``last_linearisation`` and
+        States, sensor errors and trends are eliminated. Sets ``last_linearisation`` and
         ``last_elimination``.
 
         Args:
@@ -380,7 +380,7 @@ class Trajectory(ForcedWindows):
         now = law(m, change_of(m))
         self.last_linearisation = solution, now, m
         states = StateElimination(
-            window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
+            window_jacobian(s, solution), *nuisance_columns(s), STATE_PRECISION
         )
         added = window_columns(s, solution, m, now, functions, wanted)
         if self._exchanged:
@@ -410,14 +410,14 @@ class Trajectory(ForcedWindows):
     def noise_left(self) -> dict[str, float]:
         """Noise of each channel by name, in its unit, from its residual under the nominal law.
 
-        It is the RMS residual without encoder errors and trends, corrected for the fraction that
+        It is the RMS residual without sensor errors and trends, corrected for the fraction that
         the states absorb, equal in all channels. 0 without readings; empty if states diverge.
         """
         s, solution = self.recorded, self.nominal
         if not np.isfinite(solution.cost):
             return {}
         states = StateElimination(
-            window_jacobian(s, solution), *encoder_columns(s), STATE_PRECISION
+            window_jacobian(s, solution), *nuisance_columns(s), STATE_PRECISION
         )
         there = s.weight > 0.0
         rows = states.clear(stacked_residual(solution)[:, None])[: there.size, 0]
@@ -451,8 +451,7 @@ class Trajectory(ForcedWindows):
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
         data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
         jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
-        encoders = sum(name[0] == "u" for name in s.channels.names)
-        return np.concatenate([data, jumps, np.zeros(2 * encoders + len(s.trends.size))])
+        return np.concatenate([data, jumps, np.zeros(nuisance_columns(s)[0].shape[1])])
 
 
 def _of_states(order: Indices) -> Indices:

@@ -19,7 +19,11 @@ from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.body_motion import body_loads, control_force
 from herringbone_sim.gap.observations.consistency import ERROR_KINDS
-from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD
+from herringbone_sim.gap.observations.force_law import (
+    ENCODER_ERROR_RAD,
+    drift_spread,
+    slow_waves,
+)
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import WindowSolution
@@ -220,26 +224,33 @@ def _respond(tangents, way, pushed, slope, each, data, end):  # type: ignore[no-
         end[w] = now
 
 
-def encoder_columns(s: Windows) -> tuple[Array, Array]:
-    """Columns of encoder eccentricities and of ``Windows.trends``, and their prior deviations.
+def nuisance_columns(s: Windows) -> tuple[Array, Array]:
+    """Columns of encoder eccentricities, of drift and of trends, and their prior deviations.
 
     Returns:
-        Columns (rows, 2 n_encoders + m), over the noise: cos and sin of the shaft angle in the
-        rows of each encoder, 0 elsewhere; then ``Windows.trend_rows``. Prior standard deviations
-        (2 n_encoders + m,) of their amplitudes, in the unit of the channel.
+        Columns (rows, m), over the noise: cos and sin of the shaft angle in the rows of each
+        encoder, 0 elsewhere; a constant and ``slow_waves`` in those of each channel;
+        ``Windows.trend_rows``. Prior standard deviations (m,) of their amplitudes, in the unit of
+        the channel.
     """
     model = s.run.model
     W, samples, k = s.weight.shape
-    phase = s.phase[:: 2 * s.steps_per_sample][: W * samples].reshape(W, samples)
-    columns, sizes = [], []
+    phase = s.phase[:: 2 * s.steps_per_sample][: W * samples]
+    # Drift of a whole run has a mean in windows of a part of it.
+    slow = np.column_stack([np.ones(W * samples), slow_waves(s.run.times[: W * samples])])
+    spread = drift_spread(slow.shape[1])
+    waves, sizes = [], []
     for i, name in enumerate(s.channels.names):
+        own = [slow]
+        sizes += [spread * s.channels.sigma[i]] * slow.shape[1]
         if name[0] == "u":
-            for trig in (np.cos, np.sin):
-                wave = np.zeros((W, samples, k))
-                wave[:, :, i] = s.weight[:, :, i] * trig(
-                    phase / cycles_per_shaft_turn(model)[name[2]]
-                )
-                columns.append(np.pad(wave.ravel(), (0, (W - 1) * STATES)))
-                sizes.append(ENCODER_ERROR_RAD * model.scales.base_radius(name[2:]))
-    gratings = np.array(columns).reshape(-1, W * samples * k + (W - 1) * STATES).T
-    return np.hstack([gratings, s.trend_rows()]), np.append(sizes, s.trends.size)
+            turn = phase / cycles_per_shaft_turn(model)[name[2]]
+            own.append(np.column_stack([np.cos(turn), np.sin(turn)]))
+            sizes += [ENCODER_ERROR_RAD * model.scales.base_radius(name[2:])] * 2
+        of_channel = np.hstack(own)
+        wave = np.zeros((W * samples, k, of_channel.shape[1]))
+        wave[:, i] = s.weight[:, :, i].reshape(-1, 1) * of_channel
+        waves.append(wave.reshape(W * samples * k, -1))
+    ties = ((0, (W - 1) * STATES), (0, 0))
+    columns = np.hstack([np.pad(np.hstack(waves), ties), s.trend_rows()])
+    return columns, np.append(sizes, s.trends.size)
