@@ -58,6 +58,15 @@ class Coefficient:
     scales_with_effect: bool = True
 
 
+def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
+    """Names of the functions on which coefficients act, by observation."""
+    by_observation: dict[str, dict[str, None]] = {}
+    for c in coefficients:
+        for o, placement in c.placements.items():
+            by_observation.setdefault(o, {}).update(dict.fromkeys(placement.functions))
+    return {o: list(names) for o, names in by_observation.items()}
+
+
 class CampaignProducts:
     """Products of all runs, and the normal equations of any set of coefficients.
 

@@ -17,6 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from herringbone_sim.arrays import Array, Flags, Indices
 
+NO_OFFSET = 1e-6  # standard deviation over the noise that stands for zero; its inverse is used
+
 
 @dataclass(frozen=True)
 class Block:
@@ -90,6 +92,28 @@ class Products:
         whole = float(self.chi2.sum())
         shared = float(self.cross_y @ self.cross_y)
         return self.chi2 * (1.0 - shared / whole) if whole > 0.0 else self.chi2
+
+
+def with_offsets(block: Block, offsets: Array | None, noise: Array | None) -> Block:
+    """Block with a constant as one more nuisance of each row, and its noise times a factor (R,).
+
+    Args:
+        offsets: (R,) prior standard deviation of the constant, over the block's noise; None: no
+            constant.
+        noise: (R,) factor on the block's noise; None: 1.
+    """
+    sd = None if offsets is None else np.sqrt(np.mean(block.sigma**2, axis=0))
+    if noise is not None:
+        block = replace(block, sigma=block.sigma * noise)
+    if offsets is None or sd is None:
+        return block
+    sd = np.maximum(offsets, NO_OFFSET) * sd
+    constant = np.ones((*block.residual.shape, 1))
+    return replace(
+        block,
+        nuisance=np.concatenate([block.nuisance, constant], axis=2),
+        nuisance_sd=np.column_stack([block.nuisance_sd, sd]),
+    )
 
 
 def products(block: Block) -> Products:

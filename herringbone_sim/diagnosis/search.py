@@ -9,9 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, functions_used
 from herringbone_sim.diagnosis.machine import Amplitudes, Machine
-from herringbone_sim.diagnosis.products import Block, Products, products, recentred
+from herringbone_sim.diagnosis.products import (
+    Block,
+    Products,
+    products,
+    recentred,
+    with_offsets,
+)
 from herringbone_sim.diagnosis.regression import within
 from herringbone_sim.diagnosis.score import PRIOR_SCALES, Score, compute_score, trust_region
 from herringbone_sim.diagnosis.threads import parallel_map
@@ -25,7 +31,6 @@ MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
-NO_OFFSET = 1e-6  # standard deviation over the noise that stands for zero; its inverse is used
 
 
 def amplitudes(
@@ -44,15 +49,6 @@ def amplitudes(
                 a = by_function.setdefault(f, np.zeros((runs, rows[o])))
                 a[:, row] += value * w
     return by_observation
-
-
-def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
-    """Names of the functions on which coefficients act, by observation."""
-    by_observation: dict[str, dict[str, None]] = {}
-    for c in coefficients:
-        for o, placement in c.placements.items():
-            by_observation.setdefault(o, {}).update(dict.fromkeys(placement.functions))
-    return {o: list(names) for o, names in by_observation.items()}
 
 
 class Search:
@@ -296,25 +292,3 @@ def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:
     for name, values in made.items():
         a[:, p.functions.index(name)] = values[r]
     return a
-
-
-def with_offsets(block: Block, offsets: Array | None, noise: Array | None) -> Block:
-    """Block with a constant as one more nuisance of each row, and its noise times a factor (R,).
-
-    Args:
-        offsets: (R,) prior standard deviation of the constant, over the block's noise; None: no
-            constant.
-        noise: (R,) factor on the block's noise; None: 1.
-    """
-    sd = None if offsets is None else np.sqrt(np.mean(block.sigma**2, axis=0))
-    if noise is not None:
-        block = replace(block, sigma=block.sigma * noise)
-    if offsets is None or sd is None:
-        return block
-    sd = np.maximum(offsets, NO_OFFSET) * sd
-    constant = np.ones((*block.residual.shape, 1))
-    return replace(
-        block,
-        nuisance=np.concatenate([block.nuisance, constant], axis=2),
-        nuisance_sd=np.column_stack([block.nuisance_sd, sd]),
-    )

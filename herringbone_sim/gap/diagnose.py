@@ -19,7 +19,7 @@ from herringbone_sim.gap.checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.gap_by_run import gap_of, metric_of
+from herringbone_sim.gap.gap_by_run import RowErrors, gap_of, metric_of
 from herringbone_sim.gap.named import name_effects
 from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.gear import Gear
@@ -114,11 +114,11 @@ def diagnose(
     )
     say("held-out runs")
     model = augmented(examined.none if chosen is None else chosen, verdict.chosen)
-    noise, offsets = (of.get(verdict.metric) for of in (examined.noise, examined.offsets))
+    errors = RowErrors(*(of.get(verdict.metric) for of in (examined.noise, examined.offsets)))
     whole = machine.for_runs(campaign.runs)
     if chosen is not None:
         whole = whole.ordered_for(chosen.hypotheses, chosen.score.mean)
-    gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, noise, offsets)
+    gap = gap_of(whole, campaign, verdict.metric, examined.none, chosen, other, errors)
     calibrated = _calibrated(machine, examined)
     forces = None
     if senses and machine.gear.uses_windows:

@@ -7,18 +7,31 @@ with effects; all coefficients are those fitted to the fit runs.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from herringbone_sim.arrays import Array, rms
 from herringbone_sim.diagnosis.fits import FittedExplanation
-from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
-from herringbone_sim.diagnosis.search import amplitudes, with_offsets
+from herringbone_sim.diagnosis.products import Block, residual_without_nuisance, with_offsets
+from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.verification.verify import Gap, RunGap
+
+
+class RowErrors(NamedTuple):
+    """Noise and constant errors of the R rows of an observation, as the diagnosis learned them.
+
+    Attributes:
+        noise: (fit runs, R) actual over assumed noise; None: 1.
+        offsets: (R,) standard deviation of a constant error over the assumed noise; None: none.
+    """
+
+    noise: Array | None = None
+    offsets: Array | None = None
 
 
 def metric_of(
@@ -50,8 +63,7 @@ def gap_of(
     none: FittedExplanation,
     best: FittedExplanation | None,
     other: FittedExplanation | None = None,
-    noise: Array | None = None,
-    offsets: Array | None = None,
+    errors: RowErrors | None = None,
 ) -> Gap:
     """Measure the gap of the runs of a campaign in one observation.
 
@@ -69,10 +81,7 @@ def gap_of(
         none: fit without effects.
         best: fit of the verdict's explanation; None: that without effects.
         other: fit of the runner-up; None: its residual is NaN.
-        noise: (fit runs, R) actual over assumed noise of each of the R rows of the observation;
-            None: 1.
-        offsets: (R,) standard deviation of a constant error of each row over its assumed noise;
-            None: there is none.
+        errors: of the rows of the observation; None: none is known.
     """
     after = {"recalibrated": none, "augmented": best or none, "runner_up": other}
     # Before any fit: only runs without one may be reordered.
@@ -81,16 +90,17 @@ def gap_of(
         machines["runner_up"] = machine.ordered_for(other.hypotheses, other.score.mean)
     estimated = not campaign.noise_known or any(run.detrended for run in campaign.runs)
     bounded = estimated and metric in (force_law.NAME, trajectory.NAME)
+    noise, offsets = errors or RowErrors()
     row_noise = np.ones(1) if noise is None else np.sqrt(np.mean(np.square(noise), axis=0))
     by_fit = {
         name: _blocks(machines[name], metric, fit, row_noise, offsets)
         for name, fit in after.items()
         if fit is not None
     }
-    errors = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
+    slow = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
     before = _blocks(machine, metric, None, row_noise, offsets)
     rms_by_fit = {
-        name: [_residual_rms(b, e, bounded) for b, e in zip(blocks, errors, strict=True)]
+        name: [_residual_rms(b, e, bounded) for b, e in zip(blocks, slow, strict=True)]
         for name, blocks in (*by_fit.items(), ("nominal", before))
     }
     nan = [(float("nan"),) * 2] * len(campaign.runs)
@@ -126,7 +136,7 @@ def _blocks(
         metric: name of the observation.
         fit: of the explanation; None: the nominal gear.
         noise: (R,) actual over assumed noise of each row of the observation, or (1,) of all.
-        offsets: as in ``gap_of``.
+        offsets: as in ``RowErrors``.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}

@@ -9,9 +9,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.gap.observations import balance
 from herringbone_sim.gap.observations.basis import LOADS_M
 from herringbone_sim.gap.observations.events import BUMP, KNOTS
+from herringbone_sim.gap.observations.friction import FRICTION, OF_COULOMB, friction_shapes
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ def _over_temperature(y_name: str, y_unit: str, sign: float) -> Callable[[Hypoth
 def _friction(h: Hypothesis) -> Curve:
     """Curve of the coefficient of friction, with the sign of sliding, over the mesh phase."""
     s = np.linspace(-np.pi, np.pi, 96)
-    shapes = balance.friction_shapes(s)
-    departures = balance.FRICTION[len(balance.OF_COULOMB) :]
+    shapes = friction_shapes(s)
+    departures = FRICTION[len(OF_COULOMB) :]
     columns = [shapes.get(g, np.zeros(len(s))) for g in ("sign", *departures)]
     matrix = np.stack(columns, axis=1)
     return s, matrix, ("mesh phase from the pitch point", "rad", "coefficient of friction", "-")

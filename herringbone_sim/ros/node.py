@@ -1,6 +1,6 @@
 """ROS node of the simulator: connects topics, parameters and services with loop and recorder.
 
-Slightly over 300 lines: it has every callback of the node; other modules do the work.
+Over 300 lines: it has every callback of the node; other modules do the work.
 """
 
 from __future__ import annotations

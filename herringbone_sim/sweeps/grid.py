@@ -5,27 +5,25 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, TypeVar
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, from_mapping, meaning, to_mapping
+from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError, shown
-from herringbone_sim.recording.safe_json import parse_json
 
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK, SMALL_CHUNK = 256, 16  # values in a part, see ``default_chunk``
 MOST_VALUES = 1_000_000  # values of an axis
 UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
-_Made = TypeVar("_Made", "Observation", "Sweep")
 
 
 @dataclass(frozen=True)
@@ -206,52 +204,8 @@ class Sweep:
         return self.base.changed(self.values_at(index))
 
     def to_json(self) -> str:
-        """JSON text from which ``sweep_from_json`` restores an equal sweep."""
+        """JSON text from which ``stored.sweep_from_json`` restores an equal sweep."""
         return json.dumps(asdict(self) | {"base": to_mapping(self.base)}, indent=1)
-
-
-def sweep_from_json(text: str) -> Sweep:
-    """Sweep from the text of ``Sweep.to_json``.
-
-    Raises:
-        ParameterError: the text describes no sweep.
-    """
-    try:
-        content = {"effects": ""} | parse_json(text)
-        known: dict[str, Any] = {item.name: content[item.name] for item in fields(Sweep)}
-        known["base"] = from_mapping(content["base"])
-        known["axes"] = tuple(_axis(entry) for entry in content["axes"])
-        known["observation"] = _typed(Observation(**content["observation"]))
-        return _typed(Sweep(**known))
-    except KeyError as error:
-        raise ParameterError(f"no description of a sweep: it has no {error}") from None
-    except (ValueError, TypeError, AttributeError) as error:
-        raise ParameterError(f"no description of a sweep: {error}") from None
-
-
-def _axis(entry: Mapping[str, Any]) -> Axis:
-    """Axis from its JSON entry; TypeError unless it has a name and a list of numbers."""
-    name, values = entry["name"], entry["values"]
-    if not isinstance(name, str) or not isinstance(values, list):
-        raise TypeError(f"an axis must have a name and a list of values, got {shown(entry)}")
-    if not all(
-        isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
-    ):
-        raise TypeError(f"the values of {shown(name)} must be numbers, got {shown(values)}")
-    return Axis(name, tuple(float(value) for value in values))
-
-
-def _typed(made: _Made) -> _Made:
-    """Return a dataclass after a check that its bool, int and str fields have these types.
-
-    Raises:
-        TypeError: a field has another type than its default.
-    """
-    for item in fields(made):
-        kind, value = type(item.default), getattr(made, item.name)
-        if kind in (bool, int, str) and type(value) is not kind:
-            raise TypeError(f"{item.name} must be {kind.__name__}, got {shown(value)}")
-    return made
 
 
 def axis_from_text(text: str) -> Axis:

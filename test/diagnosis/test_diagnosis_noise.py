@@ -9,8 +9,7 @@ import pytest
 
 from herringbone_sim.diagnosis.flexible import Predictable
 from herringbone_sim.diagnosis.noise import less_noise, noise_factors, offset_sds
-from herringbone_sim.diagnosis.products import Block, products
-from herringbone_sim.diagnosis.search import with_offsets
+from herringbone_sim.diagnosis.products import Block, products, with_offsets
 
 
 def runs_with(offsets, n=1000, noise=2.0):

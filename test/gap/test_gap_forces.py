@@ -13,7 +13,7 @@ from gap_support import NOMINAL, POINTS, a_report, of_shafts, rig, sampled, with
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
-from herringbone_sim.gap.gap_by_run import gap_of
+from herringbone_sim.gap.gap_by_run import RowErrors, gap_of
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.reconstructed_forces import (
@@ -187,7 +187,7 @@ def test_noise_that_is_not_told_is_at_most_what_is_left(
     """
     raw = tuple(replace(run, detrended=("u_c",)) for run in campaign.runs)
     told, *estimated = (
-        gap_of(machine, of, "trajectory", fit, fit, None, np.full((1, 1), 3.0)).runs
+        gap_of(machine, of, "trajectory", fit, fit, None, RowErrors(np.full((1, 1), 3.0))).runs
         for of in (campaign, replace(campaign, noise_known=False), replace(campaign, runs=raw))
     )
     assert all(one.floor > 2.0 * one.augmented for one in told)

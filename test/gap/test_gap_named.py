@@ -17,10 +17,18 @@ from herringbone_sim.effects.evaluate import Motion, forces
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.named import NamedEffect, name_effects
-from herringbone_sim.gap.observations import balance, force_law
+from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
 from herringbone_sim.gap.observations.events import KNOTS, Event, event_columns, mesh_delays
+from herringbone_sim.gap.observations.friction import (
+    ELASTIC,
+    FRICTION,
+    NEAR,
+    OF_COULOMB,
+    friction_of_mesh,
+    friction_shapes,
+)
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import MeshMotion
 
@@ -221,10 +229,10 @@ def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
     Both at the pitch point and half a cycle later; without the shapes near these a third is left.
     """
     phase = np.linspace(-np.pi, np.pi, 480, endpoint=False)
-    shapes = balance.friction_shapes(phase)
+    shapes = friction_shapes(phase)
     turned = np.sign(np.sin(phase - 2.0 * np.pi * pitch))
     left = []
-    for names in (balance.FRICTION, [f for f in balance.FRICTION if f not in balance.NEAR]):
+    for names in (FRICTION, [f for f in FRICTION if f not in NEAR]):
         columns = np.stack([shapes[f] for f in names if f in shapes and f != "lever"], axis=1)
         fitted = columns @ np.linalg.lstsq(columns, turned, rcond=None)[0]
         left.append(float(np.sqrt(np.mean((turned - fitted) ** 2))))
@@ -234,27 +242,24 @@ def test_friction_can_turn_beside_the_pitch_point(pitch: float) -> None:
 
 def test_the_coefficient_of_friction_is_that_of_the_whole_curve() -> None:
     """Departures have no part of the sign over a mesh cycle."""
-    shapes = balance.friction_shapes((np.arange(4800) + 0.5) * 2.0 * np.pi / 4800)
-    for name in balance.FRICTION[len(balance.OF_COULOMB) : -1]:
+    shapes = friction_shapes((np.arange(4800) + 0.5) * 2.0 * np.pi / 4800)
+    for name in FRICTION[len(OF_COULOMB) : -1]:
         assert np.mean(shapes[name] * shapes["sign"]) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_hat_functions_about_reversals_have_no_spikes() -> None:
     """At the pitch point and at the change of teeth themselves as beside them."""
-    beside = balance.friction_shapes(np.array([1e-9, np.pi - 1e-9]))
-    on = balance.friction_shapes(np.array([0.0, -np.pi]))
-    for name in balance.NEAR:  # but for their part of the sign, 0.06, that jumps
+    beside = friction_shapes(np.array([1e-9, np.pi - 1e-9]))
+    on = friction_shapes(np.array([0.0, -np.pi]))
+    for name in NEAR:  # but for their part of the sign, 0.06, that jumps
         assert np.max(np.abs(on[name] - beside[name])) < 0.13
 
 
 def test_friction_can_follow_the_spring_force_alone() -> None:
     """The shape ``ELASTIC`` beside that of the sign: |k f| takes the place of |F|."""
     phase = np.linspace(-np.pi, np.pi, 48, endpoint=False)
-    shapes, force, spring = balance.friction_shapes(phase), np.cos(phase), 0.9 * np.sin(phase)
-    both = [
-        balance.friction_of_mesh(shape, shapes, force, spring)
-        for shape in ("sign", balance.ELASTIC)
-    ]
+    shapes, force, spring = friction_shapes(phase), np.cos(phase), 0.9 * np.sin(phase)
+    both = [friction_of_mesh(shape, shapes, force, spring) for shape in ("sign", ELASTIC)]
     np.testing.assert_allclose(sum(both), np.abs(spring) * np.sign(phase), atol=1e-12)
 
 

@@ -16,7 +16,7 @@ from herringbone_sim.diagnosis.search import Search, amplitudes
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose
-from herringbone_sim.gap.gap_by_run import gap_of
+from herringbone_sim.gap.gap_by_run import RowErrors, gap_of
 from herringbone_sim.gap.observations import balance, consistency
 from herringbone_sim.gap.observations.copied_channels import drop_common_copies, without_computed
 from herringbone_sim.gap.observations.force_law import slope
@@ -288,8 +288,8 @@ def test_hum_and_offsets_of_sensors_are_neither_gap_nor_noise() -> None:
     none = FittedExplanation((), Search(GearMachine(Gear(campaign.runs))).null)
 
     def gap(runs: Sequence[PreparedRun], offsets: Array | None) -> tuple[RunGap, ...]:
-        machine = GearMachine(Gear(runs))
-        return gap_of(machine, campaign, "force_law", none, None, offsets=offsets).runs
+        machine, errors = GearMachine(Gear(runs)), RowErrors(offsets=offsets)
+        return gap_of(machine, campaign, "force_law", none, None, None, errors).runs
 
     allowed = np.full(12, 1.0)
     for clean, right, wrong in zip(

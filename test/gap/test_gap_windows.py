@@ -16,9 +16,10 @@ from herringbone_sim.gap.data.rotations import (
     with_rotations,
     without_angles_not_in_rad,
 )
-from herringbone_sim.gap.observations import balance, window_starts, windows
 from herringbone_sim.gap.observations import trajectory as trajectory_module
+from herringbone_sim.gap.observations import window_starts, windows
 from herringbone_sim.gap.observations.body_motion import static_rotations
+from herringbone_sim.gap.observations.friction import OF_COULOMB
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
 from herringbone_sim.gap.observations.machine import GearMachine
@@ -320,7 +321,7 @@ def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolut
     """Coulomb's friction and the load that goes with it do no work on the rigid rotation."""
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
-    names = [f"friction {shape} of 1" for shape in balance.OF_COULOMB]
+    names = [f"friction {shape} of 1" for shape in OF_COULOMB]
     pushes = body_forces(trajectory.run, m, law(m), names)
     work = {p.name: p.size.mean() * (p.direction @ [2, 2, *[1] * 7]) for p in pushes}
     assert work[names[0]] == pytest.approx(0.0, abs=1e-9)  # no sliding at the pitch point

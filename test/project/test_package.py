@@ -234,3 +234,22 @@ def test_ros_stays_an_extra_for_pip() -> None:
     assert not [line for line in found.install_requires if line.startswith("ros-")]
     assert [line for line in found.extras_require["ros"] if "rclpy[fastrtps]" in line]
     assert [line for line in found.install_requires if line.startswith("rerun-sdk==0.41.*")]
+
+
+# Decorators of compiled code: those of ``core/packed.py``, and Numba's own.
+COMPILED = {"compiled", "inlined", "called", "exposed", "embedded", "law", "njit"}
+
+
+def test_files_and_signatures_stay_short() -> None:
+    """300 lines a file, unless its docstring says why; seven arguments, in compiled code more."""
+    for path in (ROOT / "herringbone_sim").rglob("*.py"):
+        text = path.read_text()
+        tree = ast.parse(text)
+        reason = "Over 300 lines" in (ast.get_docstring(tree) or "")
+        assert len(text.splitlines()) <= 300 or reason, path
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                every = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+                names = [argument.arg for argument in every if argument.arg not in ("self", "cls")]
+                marks = {ast.unparse(mark).partition("(")[0] for mark in node.decorator_list}
+                assert len(names) <= 7 or marks & COMPILED, (path, node.name)

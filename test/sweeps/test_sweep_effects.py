@@ -26,11 +26,11 @@ from herringbone_sim.sweeps.grid import (
     Observation,
     Sweep,
     default_chunk,
-    sweep_from_json,
     with_sweep_steps,
 )
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import load_result, load_store
+from herringbone_sim.sweeps.stored import sweep_from_json
 
 SOFT = "mean_stiffness@all/all/all:factor=0.9"
 RING = "ring_flexibility@rp/all/all:stiffness=3e9"

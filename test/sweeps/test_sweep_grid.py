@@ -15,10 +15,10 @@ from herringbone_sim.sweeps.grid import (
     Observation,
     Sweep,
     axis_from_text,
-    sweep_from_json,
     with_sweep_steps,
 )
 from herringbone_sim.sweeps.store import differences
+from herringbone_sim.sweeps.stored import sweep_from_json
 
 
 @pytest.mark.parametrize("start", ["fixed", "up", "ramp_down"])

@@ -17,6 +17,13 @@ from herringbone_sim.gap.observations.coefficients import (
     CoefficientBuilder,
     Weights,
 )
+from herringbone_sim.gap.observations.friction import (
+    ELASTIC,
+    FRICTION,
+    NEAR,
+    OF_COULOMB,
+    friction_directions,
+)
 
 
 def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
@@ -29,19 +36,19 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     layout = gear.model.layout
     to_rows = forces_to_coordinates(gear.model)
     for locus in effect.candidates(layout):
-        directions = balance.friction_directions(gear.model, locus.mask(layout))
+        directions = friction_directions(gear.model, locus.mask(layout))
         of = {g: direction @ to_rows.T for g, direction in directions.items()}
         weights: Weights = {
             (balance.NAME, f"friction {g} of {j}"): of[g][j]
             for j in range(layout.n_mesh)
-            for g in balance.OF_COULOMB
+            for g in OF_COULOMB
             if np.any(of[g][j])
         }
         at = np.flatnonzero(locus.mask(layout))
         for o in builder.window_observation:
-            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in balance.OF_COULOMB}
+            weights |= {(o, f"friction {g} of {j}"): 1.0 for j in at for g in OF_COULOMB}
         terms = [builder.coefficient("mu", weights, 0.05)]
-        for g in balance.FRICTION[len(balance.OF_COULOMB) :]:
+        for g in FRICTION[len(OF_COULOMB) :]:
             bend: Weights = {
                 (balance.NAME, f"friction {g} of {j}"): of["sign"][j]
                 for j in range(layout.n_mesh)
@@ -50,7 +57,7 @@ def friction(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
             for o in builder.window_observation:
                 bend |= {(o, f"friction {g} of {j}"): 1.0 for j in at}
             # Sliding may reverse earlier or later, and friction may follow the spring force.
-            share = 1.0 if g in (*balance.NEAR, balance.ELASTIC) else DEPARTURE_SHARE
+            share = 1.0 if g in (*NEAR, ELASTIC) else DEPARTURE_SHARE
             terms.append(builder.coefficient(g, bend, 0.05 * share))
         yield Hypothesis("tooth_friction", (), locus, tuple(terms), 1)
 

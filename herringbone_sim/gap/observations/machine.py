@@ -16,8 +16,6 @@ from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
-    balance,
-    consistency,
     curves,
     events,
     force_law,
@@ -48,14 +46,7 @@ class GearMachine:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the observations that the recorded channels allow."""
-        there = {
-            force_law.NAME: self.gear.has_force_law,
-            balance.NAME: self.gear.has_balance,
-            consistency.NAME: self.gear.n_relations > 0,
-            trajectory.NAME: self.gear.uses_windows,
-        }
-        return tuple(name for name, known in there.items() if known)
+        return self.gear.observation_names
 
     @property
     def functions(self) -> Mapping[str, tuple[str, ...]]:

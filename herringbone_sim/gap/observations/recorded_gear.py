@@ -14,7 +14,7 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.observations import consistency, trajectory
+from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
@@ -123,6 +123,17 @@ class RecordedGear:
         """Whether trajectories are fitted: where neither force law nor balance is formed."""
         few = not self.has_force_law and not self.has_balance
         return few and all(g.run.shafts_known for g in self.runs)
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observations that the recorded channels allow."""
+        there = {
+            force_law.NAME: self.has_force_law,
+            balance.NAME: self.has_balance,
+            consistency.NAME: self.n_relations > 0,
+            trajectory.NAME: self.uses_windows,
+        }
+        return tuple(name for name, known in there.items() if known)
 
     @cached_property
     def followed_channels(self) -> WindowChannels:

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.coefficients import CampaignProducts
+from herringbone_sim.diagnosis.coefficients import CampaignProducts, functions_used
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.products import Block, products
 from herringbone_sim.diagnosis.regression import solve
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, functions_used
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE
 from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.gap.observations import balance, consistency, force_law
+from herringbone_sim.gap.observations import balance, force_law
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.observations.seats import PartDrive, Seat
@@ -161,15 +161,9 @@ class PartTrial:
         self._drives: dict[tuple[str, Locus, int], PartDrive] = {}
         self._columns: dict[tuple[int, str, int], Array] = {}
 
-    def _observations(self) -> list[str]:
+    def _observations(self) -> Sequence[str]:
         """Names of the observations to which the coefficients are refitted."""
-        gear = self.gear
-        formed = {
-            force_law.NAME: gear.has_force_law,
-            balance.NAME: gear.has_balance,
-            consistency.NAME: gear.n_relations > 0,
-        }
-        return [name for name, there in formed.items() if there]
+        return self.gear.observation_names
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:
         """Motion of run r and change of its law in the current fit."""

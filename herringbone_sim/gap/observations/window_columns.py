@@ -24,6 +24,12 @@ from herringbone_sim.gap.observations.force_law import (
     drift_spread,
     slow_waves,
 )
+from herringbone_sim.gap.observations.friction import (
+    FRICTION,
+    friction_directions,
+    friction_of_mesh,
+    friction_shapes,
+)
 from herringbone_sim.gap.observations.law import Law, MeshMotion
 from herringbone_sim.gap.observations.rollout import STATES
 from herringbone_sim.gap.observations.shooting import WindowSolution
@@ -48,7 +54,7 @@ def function_names(
     names = [*balance.MASSES, *balance.CONTROL]
     names += [f"{e} of {c}" for c in channels for e in ERROR_KINDS]
     names += [f"{SWAP_PREFIX}{' and '.join(pair)}" for pair in exchangeable(channels)]
-    names += [f"friction {g} of {j}" for j in meshes for g in balance.FRICTION]
+    names += [f"friction {g} of {j}" for j in meshes for g in FRICTION]
     names += [f"ripple {q} {trig}" for q in balance.RIPPLES for trig in ("cos", "sin")]
     of_meshes = [f for f in laws if f.slot != "body"]
     names += [f"{f.name} of {j}" for j in meshes for f in of_meshes if f.acts_on(j)]
@@ -94,11 +100,11 @@ def body_forces(
         if kind == "friction":
             j, g = int(words[-1]), " ".join(words[:-2])
             if not arms:
-                arms = balance.friction_directions(model, np.ones(m.x.shape[1]))
+                arms = friction_directions(model, np.ones(m.x.shape[1]))
                 step_rad = STEP_RAD * m.omega / model.scales.omega_n
-                shapes = balance.friction_shapes(m.phase, step_rad)
+                shapes = friction_shapes(m.phase, step_rad)
             spring = now.k[:, j] * now.f[:, j]
-            size = balance.friction_of_mesh(g, shapes, now.force[:, j], spring)
+            size = friction_of_mesh(g, shapes, now.force[:, j], spring)
             yield BodyForce(name, arms.get(g, arms["sign"])[j], size)
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin

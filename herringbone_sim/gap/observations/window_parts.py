@@ -6,7 +6,7 @@ forces by it acts through the linear response of the windows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -83,7 +83,7 @@ class WindowPartTrial(PartTrial):
                 optima.append(seat)
         return optima
 
-    def _observations(self) -> list[str]:
+    def _observations(self) -> Sequence[str]:
         return [trajectory.NAME]
 
     def _run(self, r: int, blocks: Mapping[str, Block]) -> TrialRun:

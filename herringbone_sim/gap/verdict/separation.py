@@ -5,7 +5,7 @@ other and of the tolerances of the nominal gear; in the mesh forces, or in the a
 coordinates. The predictions are linearised at the best fit of each explanation; parameters stay
 within their bounds.
 
-Slightly over 300 lines: what a fit of one explanation to another needs stands together.
+Over 300 lines: what a fit of one explanation to another needs stands together.
 """
 
 from __future__ import annotations
