@@ -204,7 +204,7 @@ class Sweep:
         return self.base.changed(self.values_at(index))
 
     def to_json(self) -> str:
-        """JSON text from which ``stored.sweep_from_json`` restores an equal sweep."""
+        """JSON text from which ``grid_json.sweep_from_json`` restores an equal sweep."""
         return json.dumps(asdict(self) | {"base": to_mapping(self.base)}, indent=1)
 
 

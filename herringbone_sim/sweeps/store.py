@@ -25,9 +25,9 @@ from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.safe_json import JsonError, json_text, parse_json
 from herringbone_sim.sweeps.array_cache import digest
 from herringbone_sim.sweeps.grid import Axis, Sweep
+from herringbone_sim.sweeps.grid_json import sweep_from_json
 from herringbone_sim.sweeps.observe import SCALARS, Table
 from herringbone_sim.sweeps.output import make_folder, whole_file
-from herringbone_sim.sweeps.stored import sweep_from_json
 
 FILE = "sweep.json"
 CHECKSUM = b"sha256"  # key in the metadata of the schema of a part

@@ -28,9 +28,9 @@ from herringbone_sim.sweeps.grid import (
     default_chunk,
     with_sweep_steps,
 )
+from herringbone_sim.sweeps.grid_json import sweep_from_json
 from herringbone_sim.sweeps.observe import Table
 from herringbone_sim.sweeps.store import load_result, load_store
-from herringbone_sim.sweeps.stored import sweep_from_json
 
 SOFT = "mean_stiffness@all/all/all:factor=0.9"
 RING = "ring_flexibility@rp/all/all:stiffness=3e9"

@@ -17,8 +17,8 @@ from herringbone_sim.sweeps.grid import (
     axis_from_text,
     with_sweep_steps,
 )
+from herringbone_sim.sweeps.grid_json import sweep_from_json
 from herringbone_sim.sweeps.store import differences
-from herringbone_sim.sweeps.stored import sweep_from_json
 
 
 @pytest.mark.parametrize("start", ["fixed", "up", "ramp_down"])
