@@ -14,7 +14,7 @@ from herringbone_sim.core.model import mean_sun_force
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun, deciding
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.data.units import clock_unit, wrong_units
-from herringbone_sim.gap.limits import limits
+from herringbone_sim.gap.limits import limit_findings
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.other_gear import (
     mesh_speed_mismatch,
@@ -70,7 +70,7 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
     findings += [nominal] if nominal else []
     runs = _same_channel_class(runs, fused, findings)
     campaign = replace(campaign, runs=tuple(runs))
-    return campaign, (*findings, *limits(campaign, noise_ratio))
+    return campaign, (*findings, *limit_findings(campaign, noise_ratio))
 
 
 def _unreadable_runs(campaign: PreparedCampaign) -> list[Finding]:

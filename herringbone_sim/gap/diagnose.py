@@ -89,7 +89,7 @@ def diagnose(
     if not nominal_mismatched(findings):
         campaign = with_learned_noise(campaign)
     machine = machine_of(campaign, findings)
-    if nominal_mismatched(findings) or not machine.observation_names:
+    if nominal_mismatched(findings) or not machine.gear.observation_names:
         return _undiagnosed(campaign, findings, machine, senses)
     examined = examine(machine, say, campaign.noise_known)
     assert isinstance(examined.machine, GearMachine)  # the given one, or with more windows
@@ -246,7 +246,7 @@ def _report(
         findings=[f for f in findings if not f.limit],
         channels=[name for name in campaign.nominal.layout.channels if name in noise],
         noise=noise,
-        observations=machine.observation_names,
+        observations=machine.gear.observation_names,
     )
 
 

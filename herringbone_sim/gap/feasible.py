@@ -7,7 +7,6 @@ from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.sensor_calibration import without_copies
 
 
@@ -24,4 +23,4 @@ def feasible_observations(
     if not campaign.of_role("fit"):
         return (), findings
     gear = Gear(leave_out_folds(without_copies(campaign).of_role("fit")))
-    return GearMachine(gear).observation_names, findings
+    return gear.observation_names, findings

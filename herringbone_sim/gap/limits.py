@@ -8,7 +8,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 
 
-def limits(campaign: PreparedCampaign, noise_ratio: float) -> list[Finding]:
+def limit_findings(campaign: PreparedCampaign, noise_ratio: float) -> list[Finding]:
     """Findings on what limits the results: unknown noise, roles, number of runs, quantities.
 
     Fatal if there is no run of role ``fit``.

@@ -24,7 +24,6 @@ from herringbone_sim.gap.attribution.channel_sets import (
 from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.calibrated import Calibrated
 from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
 from herringbone_sim.gap.verdict.location import residual_by_mesh
@@ -82,8 +81,8 @@ def test_rotations_of_all_bodies_are_followed_by_windows() -> None:
     meshes = whole.model.layout.meshes
     rates = replace(whole, **{q: without(getattr(whole, q), meshes, meshes) for q in "xF"})
     rotations = replace(rates, v=without(whole.v, meshes, meshes))
-    assert GearMachine(Gear([rotations])).observation_names == ("trajectory",)
-    assert "trajectory" not in GearMachine(Gear([rates])).observation_names
+    assert Gear([rotations]).observation_names == ("trajectory",)
+    assert "trajectory" not in Gear([rates]).observation_names
     cases = [fused_run(rotations, fuse(rotations))]
     assert channel_set(cases) == FEW
     assert "rates of the bodies are worked out" in " ".join(undecidable_by_channels(cases))

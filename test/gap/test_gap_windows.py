@@ -72,7 +72,7 @@ def rows(shot: WindowSolution) -> np.ndarray:
 
 
 def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
-    assert GearMachine(gear).observation_names == ("trajectory",)
+    assert gear.observation_names == ("trajectory",)
 
 
 def test_rotations_without_mean_and_trend_are_followed_as_well(gear: Gear) -> None:

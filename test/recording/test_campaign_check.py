@@ -86,7 +86,7 @@ def test_it_names_the_observations_that_a_diagnosis_forms_behind_a_late_filter(r
 
     campaign = prepare(rig, Parameters())
     campaign = replace(campaign, runs=tuple(map(filtered, campaign.runs)))
-    diagnosed = machine_of(calibrated_sensors(check(campaign)[0]), ()).observation_names
+    diagnosed = machine_of(calibrated_sensors(check(campaign)[0]), ()).gear.observation_names
     assert feasible_observations(campaign)[0] == diagnosed
     assert "torque_balance" in diagnosed
 

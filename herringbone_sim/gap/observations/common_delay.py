@@ -53,7 +53,7 @@ def remove_common_delay(
         return compensate_filter(runs)
     stretches = [_stretch(run) for run in _showing_delay(fit, N_STRETCHES)]
     gear = Gear(stretches)
-    if not GearMachine(gear).observation_names:
+    if not gear.observation_names:
         return tuple(runs)
     if gear.uses_windows:
         return _by_windows(runs, _showing_delay(fit, 1))

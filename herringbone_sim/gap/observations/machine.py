@@ -45,10 +45,6 @@ class GearMachine:
         self.runs = len(gear.runs)
 
     @property
-    def observation_names(self) -> tuple[str, ...]:
-        return self.gear.observation_names
-
-    @property
     def functions(self) -> Mapping[str, tuple[str, ...]]:
         return self.gear.functions
 

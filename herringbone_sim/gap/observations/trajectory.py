@@ -451,7 +451,7 @@ class Trajectory(ForcedWindows):
         phase = (s.phase - s.phase[0]) / (2.0 * np.pi)
         data = np.repeat(phase[:: 2 * s.steps_per_sample][: W * samples], k)
         jumps = np.repeat(phase[s.first_half_step[1:]], STATES)
-        return np.concatenate([data, jumps, np.zeros(nuisance_columns(s)[0].shape[1])])
+        return np.concatenate([data, jumps, np.zeros_like(nuisance_columns(s)[1])])
 
 
 def _of_states(order: Indices) -> Indices:

@@ -242,7 +242,7 @@ def nuisance_columns(s: Windows) -> tuple[Array, Array]:
     model = s.run.model
     W, samples, k = s.weight.shape
     phase = s.phase[:: 2 * s.steps_per_sample][: W * samples]
-    # Drift of a whole run has a mean in windows of a part of it.
+    # Drift of a whole run has a mean in windows of a part of it, as large as any wave; chosen.
     slow = np.column_stack([np.ones(W * samples), slow_waves(s.run.times[: W * samples])])
     spread = drift_spread(slow.shape[1])
     waves, sizes = [], []

@@ -131,7 +131,7 @@ def plan(
     if not only_windows_possible(runs):
         runs = tuple(map(without_detrended, runs))
     machine = GearMachine(Gear(runs, stride=STRIDE))
-    if not machine.observation_names:
+    if not machine.gear.observation_names:
         raise AnalysisError(
             "sensors must allow a diagnosis one observation at least, got none: measure rotations "
             f"or accelerations of both suns and the carrier, got {', '.join(sensors)}"
@@ -155,7 +155,7 @@ def plan(
     parts = tuple(n for n in others if n in (*SEAT_PARAMETERS, "channel_swap"))
     return Plan(
         tuple(sensors),
-        machine.observation_names,
+        machine.gear.observation_names,
         information.count,
         detectabilities,
         tuple(name for name in others if name not in parts),
