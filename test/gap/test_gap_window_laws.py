@@ -12,16 +12,15 @@ from herringbone_sim.core.model import build
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.observations import window_events
+from herringbone_sim.gap.observations import window_columns, window_events
 from herringbone_sim.gap.observations.body_motion import rigid_swing
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.shooting import stacked_residual, window_jacobian
-from herringbone_sim.gap.observations.trajectory import STATE_PRECISION, Trajectory
+from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import window_channels
-from herringbone_sim.gap.observations.window_states import StateElimination
+from herringbone_sim.gap.observations.windows import MORE_WINDOWS
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -46,26 +45,30 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
         assert 0.05 < np.mean(s.weight[:, :, kinds == "F"] > 0.0) < 0.6
 
 
-@pytest.mark.parametrize("hz", [50.0, 150.0, 300.0])
-def test_hum_within_the_data_sheet_is_no_motion(hz: float) -> None:
-    """Half of the noise in RMS, at mains frequencies, in the rotations of nine bodies."""
+@pytest.mark.parametrize("hz", [150.0, 300.0])
+def test_hum_within_the_data_sheet_is_no_motion(hz: float, monkeypatch) -> None:
+    """Half of the noise in RMS, in the rotations of nine bodies.
+
+    In 14 ms the states and gratings off centre take 50 Hz on. Without the slow waves chi2 rises by
+    550 and 470.
+    """
     made = as_prepared(make_campaign(draw_plan(600001, "none", channels="rotations")))
-    run = made.of_role("fit")[1]
+    run = made.of_role("fit")[2]
     sigma = window_channels(run).sigma
     phases = 2.0 * np.pi * hz * run.times[:, None] + np.arange(len(sigma))
     hum = DRIFT_SHARE * np.sqrt(2.0) * sigma * np.cos(phases)
-    humming = Trajectory(replace(run, u=replace(run.u, values=run.u.values + hum)))
+    humming = replace(run, u=replace(run.u, values=run.u.values + hum))
+    plain, hummed = (Trajectory(one, windows=MORE_WINDOWS) for one in (run, humming))
 
     def chi2(windows: Trajectory) -> float:
         block = windows.block(windows.nominal, lambda _: LawChange(), (), ())
         return float(np.sum(block.residual**2))
 
-    plain = chi2(Trajectory(run))
-    s, states = humming.recorded, window_jacobian(humming.recorded, humming.nominal)
-    alone = StateElimination(states, s.trend_rows(), s.trends.size, STATE_PRECISION)
-    unknown = float(np.sum(alone.clear(stacked_residual(humming.nominal)[:, None]) ** 2))
-    assert unknown - plain > 100.0
-    assert abs(chi2(humming) - plain) < 0.25 * (unknown - plain)
+    known = chi2(hummed) - chi2(plain)
+    monkeypatch.setattr(window_columns, "drift_spread", lambda count: 1e-9)
+    unknown = chi2(hummed) - chi2(plain)
+    assert unknown > 400.0
+    assert known < 0.25 * unknown
 
 
 def test_the_swing_that_a_recording_lacks_is_found() -> None:
