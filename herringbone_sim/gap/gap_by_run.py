@@ -68,7 +68,8 @@ def gap_of(
     """Measure the gap of the runs of a campaign in one observation.
 
     What drift, hum and encoders off centre make of each run under ``best`` is taken off all
-    residuals of that run alike: it is neither a gap nor noise.
+    residuals of that run alike (of the trajectory, each fit takes off its own): it is neither a
+    gap nor noise.
 
     If the campaign does not give the noise, or if rotations lack their mean, the floor of force
     law and trajectory is at most the residual of the best explanation, and of the force law at
@@ -97,10 +98,10 @@ def gap_of(
         for name, fit in after.items()
         if fit is not None
     }
-    slow = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
+    of_sensors = [None if b is None else _sensor_errors(b) for b in by_fit["augmented"]]
     before = _blocks(machine, metric, None, row_noise, offsets)
     rms_by_fit = {
-        name: [_residual_rms(b, e, bounded) for b, e in zip(blocks, slow, strict=True)]
+        name: [_residual_rms(b, e, bounded) for b, e in zip(blocks, of_sensors, strict=True)]
         for name, blocks in (*by_fit.items(), ("nominal", before))
     }
     nan = [(float("nan"),) * 2] * len(campaign.runs)
@@ -163,7 +164,7 @@ def _for_rows(values: Array, rows: int) -> Array:
 
 def _sensor_errors(block: Block) -> Array:
     """Part (n, R) of a residual that drift, hum and encoders off centre make, in its unit."""
-    if block.observation == trajectory.NAME:  # its states have taken them on
+    if block.observation == trajectory.NAME:  # eliminated in the block
         return np.zeros_like(block.residual)
     return np.asarray(block.residual - residual_without_nuisance(block) * block.sigma)
 

@@ -239,7 +239,7 @@ def test_the_jacobian_of_windows_is_that_of_differences(
 def test_states_are_eliminated_as_by_a_dense_solution(
     one: tuple[Trajectory, WindowSolution],
 ) -> None:
-    """Products of what is left are those with states and encoder errors marginalised."""
+    """Products of what is left are those with states and nuisances marginalised."""
     trajectory, shot = one
     s, J = trajectory.windows, dense_jacobian(trajectory.windows, shot)
     waves, sizes = nuisance_columns(s)

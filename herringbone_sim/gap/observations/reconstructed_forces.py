@@ -98,7 +98,7 @@ def reconstructed_forces(
         block = there.blocks(made, functions_used(every), (trajectory.NAME,))[0][trajectory.NAME]
     s, m = own.windows, own.last_linearisation[2]
     weights, root = _weights(every, block.functions), _root(fit.score.covariance_with_jackknife())
-    left = own.last_linearisation[0].cost / (block.independent_share * len(block.residual))
+    left = float(np.sum(block.residual**2)) / (block.independent_share * len(block.residual))
     errors = _state_errors(own, gear, block, weights @ root, max(noise, left**0.5))
 
     each, of_u, of_v = s.steps_per_sample, slice(0, STATES // 2), slice(STATES // 2, STATES)
@@ -171,7 +171,7 @@ class StateErrors(NamedTuple):
     Attributes:
         by_noise: (n, 18, 18) covariance by the noise of the channels.
         by_coefficients: (n, 18, q) by a unit of each independent error of the coefficients.
-        shift: (n, 18) correction of the states for the estimated drift and gratings.
+        shift: (n, 18) correction of the states for the estimated drift, gratings and trends.
     """
 
     by_noise: Array
@@ -182,7 +182,7 @@ class StateErrors(NamedTuple):
 def _state_errors(
     own: Trajectory, gear: Gear, block: Block, coefficients: Array, noise: float
 ) -> StateErrors:
-    """Errors of the fitted states, with drift and gratings estimated together with the states.
+    """Errors of the fitted states, with those of the sensors estimated together.
 
     Args:
         block: of the windows.

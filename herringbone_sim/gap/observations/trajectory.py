@@ -411,7 +411,8 @@ class Trajectory(ForcedWindows):
         """Noise of each channel by name, in its unit, from its residual under the nominal law.
 
         It is the RMS residual without sensor errors and trends, corrected for the fraction that
-        the states absorb, equal in all channels. 0 without readings; empty if states diverge.
+        the states absorb, equal in all channels, but not for the little that drift does. 0 without
+        readings; empty if states diverge.
         """
         s, solution = self.recorded, self.nominal
         if not np.isfinite(solution.cost):

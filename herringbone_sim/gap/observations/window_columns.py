@@ -39,6 +39,7 @@ from herringbone_sim.gap.observations.window_sensors import (
     exchangeable,
 )
 from herringbone_sim.gap.observations.windows import STEP_RAD, Windows
+from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 
 def function_names(
@@ -234,29 +235,31 @@ def nuisance_columns(s: Windows) -> tuple[Array, Array]:
     """Columns of encoder eccentricities, of drift and of trends, and their prior deviations.
 
     Returns:
-        Columns (rows, m), over the noise: cos and sin of the shaft angle in the rows of each
-        encoder, 0 elsewhere; a constant and ``slow_waves`` in those of each channel;
+        Columns (rows, m), over the noise: for each channel, in its rows alone, a constant,
+        ``slow_waves`` and, of an encoder, cos and sin of the shaft angle; then
         ``Windows.trend_rows``. Prior standard deviations (m,) of their amplitudes, in the unit of
         the channel.
     """
     model = s.run.model
     W, samples, k = s.weight.shape
     phase = s.phase[:: 2 * s.steps_per_sample][: W * samples]
-    # Drift of a whole run has a mean in windows of a part of it, as large as any wave; chosen.
-    slow = np.column_stack([np.ones(W * samples), slow_waves(s.run.times[: W * samples])])
-    spread = drift_spread(slow.shape[1])
-    waves, sizes = [], []
+    waves = slow_waves(s.run.times[: W * samples])
+    slow = np.column_stack([np.ones(W * samples), waves])
+    # Drift slower than the windows is a constant in them, at most of its whole RMS.
+    spread = np.append(DRIFT_SHARE, np.full(waves.shape[1], drift_spread(waves.shape[1])))
+    columns: list[Array] = []
+    sizes: list[float] = []
     for i, name in enumerate(s.channels.names):
         own = [slow]
-        sizes += [spread * s.channels.sigma[i]] * slow.shape[1]
+        sizes += (spread * s.channels.sigma[i]).tolist()
         if name[0] == "u":
             turn = phase / cycles_per_shaft_turn(model)[name[2]]
             own.append(np.column_stack([np.cos(turn), np.sin(turn)]))
             sizes += [ENCODER_ERROR_RAD * model.scales.base_radius(name[2:])] * 2
         of_channel = np.hstack(own)
-        wave = np.zeros((W * samples, k, of_channel.shape[1]))
-        wave[:, i] = s.weight[:, :, i].reshape(-1, 1) * of_channel
-        waves.append(wave.reshape(W * samples * k, -1))
+        in_rows = np.zeros((W * samples, k, of_channel.shape[1]))
+        in_rows[:, i] = s.weight[:, :, i].reshape(-1, 1) * of_channel
+        columns.append(in_rows.reshape(W * samples * k, -1))
     ties = ((0, (W - 1) * STATES), (0, 0))
-    columns = np.hstack([np.pad(np.hstack(waves), ties), s.trend_rows()])
-    return columns, np.append(sizes, s.trends.size)
+    every = np.hstack([np.pad(np.hstack(columns), ties), s.trend_rows()])
+    return every, np.append(sizes, s.trends.size)
