@@ -88,9 +88,12 @@ class CampaignProducts:
             o: {name: i for i, name in enumerate(p.functions)} for o, p in runs[0].items()
         }
         self._G = {o: np.stack([r[o].G for r in runs]) for o in self.observations}
-        self._c = {o: np.stack([r[o].c for r in runs]) for o in self.observations}
         self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
-        self._y = {o: np.stack([r[o].cross_y for r in runs]) for o in self.observations}
+        # X'y with shared nuisances marginalised; in ``_G``, they are not.
+        self._b = {
+            o: np.stack([r[o].c - np.tensordot(r[o].cross_y, r[o].cross, 1) for r in runs])
+            for o in self.observations
+        }
         self.chi2 = np.array(
             [sum(float(p.chi2_without_nuisance.sum()) for p in r.values()) for r in runs]
         )
@@ -99,7 +102,7 @@ class CampaignProducts:
     @property
     def is_finite(self) -> bool:
         """Whether all products are finite; they are not where the motion of a run diverges."""
-        products = (self.chi2, *self._G.values(), *self._c.values())
+        products = (self.chi2, *self._G.values(), *self._b.values())
         return all(bool(np.isfinite(values).all()) for values in products)
 
     @property
@@ -113,8 +116,8 @@ class CampaignProducts:
         self._base_G, self._base_x = {}, {}
         self.base_A, self.base_b = np.zeros((runs, p, p)), np.zeros((runs, p))
         for o in self.observations:
-            G, c = self._G[o], self._c[o]
-            products = np.zeros((runs, p, *c.shape[1:]))
+            G, b = self._G[o], self._b[o]
+            products = np.zeros((runs, p, *b.shape[1:]))
             nuisances = np.zeros((runs, p, self._x[o].shape[1]))
             for i, coefficient in enumerate(self.base):
                 for row, f, w in self._entries(coefficient, o):
@@ -124,9 +127,7 @@ class CampaignProducts:
             for i, coefficient in enumerate(self.base):
                 for row, f, w in self._entries(coefficient, o):
                     self.base_A[:, :, i] += products[:, :, row, f] * w[:, None]
-                    self.base_b[:, i] += c[:, row, f] * w
-                    by_nuisances = np.einsum("rt,rt->r", self._x[o][:, :, row, f], self._y[o])
-                    self.base_b[:, i] -= by_nuisances * w
+                    self.base_b[:, i] += b[:, row, f] * w
             self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
 
     def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
@@ -149,11 +150,10 @@ class CampaignProducts:
                 T = W.transpose(0, 2, 1)
                 A[:, n:, n:] += W @ self._G[o][:, row][:, index[:, None], index] @ T
                 A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
-                b[:, n:] += (W @ self._c[o][:, row, index][:, :, None])[:, :, 0]
+                b[:, n:] += (W @ self._b[o][:, row, index][:, :, None])[:, :, 0]
                 X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
             A[:, n:, n:] -= X @ X.transpose(0, 2, 1)
             A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
-            b[:, n:] -= (X @ self._y[o][:, :, None])[:, :, 0]
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
         return A, b
 

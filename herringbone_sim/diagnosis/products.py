@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from herringbone_sim.arrays import Array, Flags, Indices
+from herringbone_sim.arrays import Array, Indices
 
 NO_OFFSET = 1e-6  # standard deviation over the noise that stands for zero; its inverse is used
 
@@ -28,7 +28,7 @@ class Block:
         observation: name of the observation.
         residual, sigma: (n, R) measured minus expected, and the standard deviation of its noise.
         functions: names of the columns.
-        columns: (n, R, Q) what a unit amplitude of each function adds to the residual.
+        columns: (n, R, Q - C) what a unit amplitude of each function adds to the residual.
         nuisance: (n, R, S) columns of S nuisance parameters of each row.
         nuisance_sd: (R, S) their prior standard deviations.
         shared: (T, R, Q) amplitudes of the functions by a unit of each of T nuisance parameters
@@ -36,9 +36,9 @@ class Block:
         shared_sd: (T,) their prior standard deviations.
         independent_share: number of independent values over the number of samples.
         sample_index: (n,) index in the run of each sample of the residual; None: all samples.
-        common_columns: (Q,) true where a column is equal in all rows, so that its products are
-            computed once; allowed only where the noise is constant in time and all rows have the
-            same nuisance columns. None: no such columns.
+        common_columns: (n, C) columns of the last C functions, which are equal in all rows, so
+            that their products are computed once; allowed only where the noise is constant in time
+            and all rows have the same nuisance columns. None: C = 0.
     """
 
     observation: str
@@ -52,7 +52,12 @@ class Block:
     shared_sd: Array
     independent_share: float = 1.0
     sample_index: Indices | None = None
-    common_columns: Flags | None = None
+    common_columns: Array | None = None
+
+    def columns_of(self, row: int) -> Array:
+        """Columns (n, Q) of all functions in one row."""
+        own = self.columns[:, row]
+        return own if self.common_columns is None else np.hstack([own, self.common_columns])
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def with_offsets(block: Block, offsets: Array | None, noise: Array | None) -> Bl
 
 def products(block: Block) -> Products:
     """Compute the products of a block, with nuisances of single rows marginalised."""
-    n, R, Q = block.columns.shape
+    (n, R), Q = block.residual.shape, len(block.functions)
     G, c = np.empty((R, Q, Q)), np.empty((R, Q))
     chi2 = np.empty(R)
     for row, (whole, with_N, own) in enumerate(_grams(block)):
@@ -147,30 +152,31 @@ def _grams(block: Block) -> Iterator[Gram]:
     The last column of X is the residual; N are the nuisance columns of the row.
     """
     if block.common_columns is not None:
-        yield from _grams_common(block, block.common_columns)
+        yield from _grams_with_common(block, block.common_columns)
         return
     root = np.sqrt(block.independent_share)
-    for row in range(block.columns.shape[1]):
+    for row in range(block.residual.shape[1]):
         w = root / block.sigma[:, row]
         X = np.column_stack([block.columns[:, row] * w[:, None], block.residual[:, row] * w])
         N = block.nuisance[:, row] * w[:, None]
         yield X.T @ X, N.T @ X, N.T @ N
 
 
-def _grams_common(block: Block, alike: Flags) -> Iterator[Gram]:
-    """Yield the products of ``_grams``; those of the common columns (mask ``alike``) only once."""
-    Q, N = len(alike), block.nuisance[:, 0]
-    C = np.ascontiguousarray(block.columns[:, 0, alike])
-    of_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
-    first, then = np.flatnonzero(alike), np.append(np.flatnonzero(~alike), Q)
-    for row in range(block.columns.shape[1]):
-        D = np.column_stack([block.columns[:, row, ~alike], block.residual[:, row]])
-        whole, with_N = np.empty((Q + 1, Q + 1)), np.empty((len(N_N), Q + 1))
-        whole[np.ix_(first, first)] = of_C
-        whole[np.ix_(first, then)] = C.T @ D
-        whole[np.ix_(then, first)] = whole[np.ix_(first, then)].T
-        whole[np.ix_(then, then)] = D.T @ D
-        with_N[:, first], with_N[:, then] = N_C, N.T @ D
+def _grams_with_common(block: Block, C: Array) -> Iterator[Gram]:
+    """Yield the products of ``_grams``; those of the common columns C (n, C) only once."""
+    N, own = np.ascontiguousarray(block.nuisance[:, 0]), block.columns.shape[2]
+    C_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
+    for row in range(block.residual.shape[1]):
+        D = np.column_stack([block.columns[:, row], block.residual[:, row]])
+        C_D, N_D, D_D = C.T @ D, N.T @ D, D.T @ D
+        whole = np.block(
+            [
+                [D_D[:own, :own], C_D[:, :own].T, D_D[:own, own:]],
+                [C_D[:, :own], C_C, C_D[:, own:]],
+                [D_D[own:, :own], C_D[:, own:].T, D_D[own:, own:]],
+            ]
+        )
+        with_N = np.hstack([N_D[:, :own], N_C, N_D[:, own:]])
         square = block.independent_share / block.sigma[0, row] ** 2
         yield square * whole, square * with_N, square * N_N
 
@@ -184,12 +190,13 @@ def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
     T = len(block.shared_sd)
     if not T:
         return np.zeros((0, *c.shape)), np.zeros(0)
-    cross = np.einsum("trq,rqs->trs", block.shared, G)
-    normal = np.einsum("trs,urs->tu", cross, block.shared) + np.diag(block.shared_sd**-2.0)
-    cross_y = np.einsum("trq,rq->t", block.shared, c)
+    cross = (block.shared.transpose(1, 0, 2) @ G).transpose(1, 0, 2)
+    weights = block.shared.reshape(T, -1)
+    normal = cross.reshape(T, -1) @ weights.T + np.diag(block.shared_sd**-2.0)
+    cross_y = weights @ c.ravel()
     root = np.linalg.cholesky(normal)
     whitened = np.linalg.solve(root, cross.reshape(T, -1)).reshape(cross.shape)
-    return whitened, np.linalg.solve(root, cross_y)
+    return whitened, np.asarray(np.linalg.solve(root, cross_y))
 
 
 def residual_without_nuisance(block: Block) -> Array:
@@ -214,11 +221,10 @@ def _shared_equations(block: Block) -> tuple[Array, Array, Array]:
         (n, R, 1 + T); the matrix (T, T) and right-hand side (T,) without the prior.
     """
     w = (np.sqrt(block.independent_share) / block.sigma)[:, :, None]
-    shared = np.einsum("nrq,trq->nrt", block.columns, block.shared)
+    rows = range(block.residual.shape[1])
+    shared = np.stack([block.columns_of(row) @ block.shared[:, row].T for row in rows], axis=1)
     every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
-    free = np.stack(
-        [nuisance_remover(block, row)(every[:, row]) for row in range(every.shape[1])], axis=1
-    )
+    free = np.stack([nuisance_remover(block, row)(every[:, row]) for row in rows], axis=1)
     normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
     return free, normal[:, 1:], normal[:, 0]
 
@@ -239,10 +245,10 @@ def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
 
 def recentred(p: Products, a: Array) -> Products:
     """Products of a linear observation about amplitudes ``a`` (R, Q) instead of zero."""
-    along = np.einsum("rqs,rs->rq", p.G, a)
+    along = (p.G @ a[:, :, None])[:, :, 0]
     return replace(
         p,
         c=p.c - along,
         chi2=p.chi2 - 2.0 * np.sum(p.c * a, axis=1) + np.sum(along * a, axis=1),
-        cross_y=p.cross_y - np.einsum("trq,rq->t", p.cross, a),
+        cross_y=p.cross_y - np.tensordot(p.cross, a, 2),
     )

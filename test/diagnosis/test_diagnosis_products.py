@@ -14,6 +14,7 @@ from herringbone_sim.diagnosis.products import (
     products,
     recentred,
     residual_without_nuisance,
+    shared_nuisances,
 )
 from herringbone_sim.diagnosis.regression import leave_one_out
 from herringbone_sim.diagnosis.score import MAX_DEPARTURE_SD, compute_score
@@ -209,9 +210,8 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
     """Noise, own columns and residuals differ by row, nuisances and shared columns do not."""
     rng = np.random.default_rng(0)
     n, rows, q, s = 200, 3, 5, 2
-    alike = np.array([True, False, True, True, False])
-    columns = rng.normal(size=(n, rows, q))
-    columns[:, :, alike] = columns[:, :1, alike]
+    common = rng.normal(size=(n, 3))
+    own = rng.normal(size=(n, rows, q - 3))
     slow = np.repeat(rng.normal(size=(n, 1, s)), rows, axis=1)
     sigma = np.broadcast_to(rng.uniform(1.0, 2.0, rows), (n, rows))
     block = Block(
@@ -219,14 +219,17 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
         rng.normal(size=(n, rows)),
         sigma,
         tuple("fghij"),
-        columns,
+        np.concatenate([own, np.repeat(common[:, None], rows, axis=1)], axis=2),
         slow,
         np.full((rows, s), 0.5),
         rng.normal(size=(2, rows, q)),
         np.ones(2),
         0.7,
     )
-    plain, shared = products(block), products(replace(block, common_columns=alike))
+    with_common = replace(block, columns=own, common_columns=common)
+    for of_block in (residual_without_nuisance, shared_nuisances):
+        np.testing.assert_allclose(of_block(with_common), of_block(block), rtol=1e-9)
+    plain, shared = products(block), products(with_common)
     for name in ("G", "c", "chi2", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)
 

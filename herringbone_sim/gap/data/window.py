@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import oaconvolve
+from scipy.signal import oaconvolve, upfirdn
 
 from herringbone_sim.arrays import Array
 
@@ -30,6 +30,15 @@ class Window:
         """Return the moving averages (n - w + 1, m) of values (n, m)."""
         average: Array = oaconvolve(values, self.mean[:, None], mode="valid", axes=0)
         return average
+
+    def averages(self, values: Array, stride: int) -> Array:
+        """Every ``stride``-th moving average (m, k) of each of m signals (m, n)."""
+        first = len(self.mean) - 1  # index of the first whole average in a full convolution
+        lead = -first % stride
+        every = upfirdn(self.mean, np.pad(values, ((0, 0), (lead, 0))), 1, stride, axis=1)
+        count = (values.shape[1] - first - 1) // stride + 1
+        begin = (first + lead) // stride
+        return np.asarray(every[:, begin : begin + count])
 
     def derivative(self, values: Array) -> Array:
         """Return the moving averages (n - w + 1, m) of the time derivative of values (n, m)."""

@@ -118,7 +118,7 @@ def block(
         variance = variance + QUADRATURE_NOISE * np.mean((quadrature_n @ whole.T) ** 2, axis=0)
     residual = (measured - parts.sum(0))[::stride]
     rows = run.model.layout.n_coordinate
-    names, columns = _columns(g, law, modelled, on_bodies, chosen, (*parts, more), wanted)
+    names, columns, common = _columns(g, law, modelled, on_bodies, chosen, (*parts, more), wanted)
     slow = slow_waves(m.times)[at]
     # The window averages white noise, but neither drift nor hum.
     spread = drift_spread(slow.shape[1]) * np.sqrt((whole**2) @ np.nan_to_num(noise_f) ** 2)
@@ -129,12 +129,12 @@ def block(
         np.broadcast_to(np.sqrt(variance), residual.shape),
         names,
         columns,
-        np.repeat(slow[:, None, :], rows, axis=1),
+        np.broadcast_to(slow[:, None, :], (len(slow), rows, slow.shape[1])),
         np.repeat(spread[:, None], slow.shape[1], axis=1),
         *_encoder_nuisances(run.model, modelled, names),
         independent_share=min(1.0, stride / overlap),
         sample_index=at,
-        common_columns=np.array([name not in (*MASSES, "quadrature") for name in names]),
+        common_columns=common,
     )
 
 
@@ -197,8 +197,11 @@ def _columns(
     chosen: Sequence[Function],
     parts: Sequence[Array],
     wanted: Sequence[str] | None,
-) -> tuple[tuple[str, ...], Array]:
-    """Names and columns (k, rows, Q) of the wanted functions, at k of the K window positions.
+) -> tuple[tuple[str, ...], Array, Array]:
+    """Names of the wanted functions, and their columns at k of the K window positions.
+
+    Those with columns (k, rows, P) that differ between rows come first, as in ``function_names``;
+    then those with columns (k, C) common to all rows.
 
     Args:
         parts: (K, rows) each: averaged accelerations by 1/M_s, 1/M_p and 1/M_c, and those by
@@ -242,13 +245,12 @@ def _columns(
             of_law = np.nan_to_num(force_column(f, m, law)[:, meshes])
             for i, j in enumerate(meshes):
                 made[f"{f.name} of {j}"] = partial(np.take, of_law, i, 1)
-    masses = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "quadrature"))}
-    flat = [made[n]() for n in names if n not in masses]
+    by_row = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "quadrature"))}
+    own = [by_row[n] for n in names if n in by_row]
+    common = [made[n]() for n in names if n not in by_row]
     k, rows = parts[0][::stride].shape
-    averaged = iter(window.average(np.stack(flat, axis=1))[::stride].T if flat else ())
-    columns = [
-        masses[n] if n in masses else np.broadcast_to(next(averaged)[:, None], (k, rows))
-        for n in names
-    ]
-    whole = np.moveaxis(np.stack(columns), 0, 2) if columns else np.zeros((k, rows, 0))
-    return names, whole
+    return (
+        names,
+        np.stack(own, axis=2) if own else np.zeros((k, rows, 0)),
+        window.averages(np.stack(common), stride).T if common else np.zeros((k, 0)),
+    )

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.products import Block
@@ -28,8 +27,11 @@ def linear_block_at(
         wanted: names of columns, by observation; None: all.
     """
     residual = block.residual
+    own, common = block.columns.shape[2], block.common_columns
     for name, a in amplitudes.items():
-        residual = residual - block.columns[:, :, block.functions.index(name)] * a[r]
+        q = block.functions.index(name)
+        column = block.columns[:, :, q] if common is None or q < own else common[:, q - own, None]
+        residual = residual - column * a[r]
     if wanted is None:
         return replace(block, residual=residual)
     names = set(wanted.get(block.observation, ()))
@@ -39,27 +41,20 @@ def linear_block_at(
         block,
         residual=residual,
         functions=tuple(block.functions[i] for i in keep),
-        columns=block.columns[:, :, keep],
+        columns=block.columns[:, :, [i for i in keep if i < own]],
         shared=block.shared[:, :, keep],
-        common_columns=None if block.common_columns is None else block.common_columns[keep],
+        common_columns=None if common is None else common[:, [i - own for i in keep if i >= own]],
     )
 
 
-def joined(block: Block, other: Block) -> Block:
-    """Return ``block`` with the columns of ``other``, a block of the same rows, appended."""
+def with_common_columns(block: Block, other: Block) -> Block:
+    """Return ``block`` with common columns of ``other``, a block of the same rows, appended."""
+    assert block.common_columns is not None
+    assert other.common_columns is not None
+    assert not other.columns.size
     return replace(
         block,
         functions=(*block.functions, *other.functions),
-        columns=np.concatenate([block.columns, other.columns], axis=2),
         shared=np.concatenate([block.shared, other.shared], axis=2),
-        common_columns=np.concatenate([_common_columns(block), _common_columns(other)]),
-    )
-
-
-def _common_columns(block: Block) -> NDArray[np.bool_]:
-    """Mask (Q,) of common columns of a block, all false where it has none."""
-    return (
-        np.zeros(len(block.functions), bool)
-        if block.common_columns is None
-        else block.common_columns
+        common_columns=np.hstack([block.common_columns, other.common_columns]),
     )

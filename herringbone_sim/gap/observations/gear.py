@@ -27,7 +27,7 @@ from herringbone_sim.gap.observations import (
     window_columns,
 )
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.block_columns import joined, linear_block_at
+from herringbone_sim.gap.observations.block_columns import linear_block_at, with_common_columns
 from herringbone_sim.gap.observations.changes import LawChanges
 from herringbone_sim.gap.observations.law import Law, LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.recorded_gear import RecordedGear
@@ -175,7 +175,7 @@ class Gear(RecordedGear):
             of_law = {f: a[r] for f, a in self._part_amplitudes.get(force_law.NAME, {}).items()}
             now = self.law_of(g.motion, of_law)
             on_carrier = self._balance(r, g, now, self.law_functions, names)
-            blocks.append(joined(plain, on_carrier))
+            blocks.append(with_common_columns(plain, on_carrier))
         return blocks
 
     def _balance(

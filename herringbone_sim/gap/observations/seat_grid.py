@@ -289,12 +289,13 @@ class PartTrial:
         if key not in self._columns:
             block = run.blocks[o]
             at = {f: i for i, f in enumerate(block.functions)}
+            of_row = block.columns_of(row)
             columns = np.zeros((len(block.residual), len(self._known)))
             for i, c in enumerate(self._known):
                 part = c.placements.get(o)
                 for entry_row, f, w in part.entries if part is not None else ():
                     if entry_row == row:
-                        columns[:, i] += w[run.number] * block.columns[:, row, at[f]]
+                        columns[:, i] += w[run.number] * of_row[:, at[f]]
             weight = np.sqrt(block.independent_share) / block.sigma[:, row]
             self._columns[key] = columns * weight[:, None]
         return self._columns[key]
