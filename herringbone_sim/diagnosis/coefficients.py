@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.products import Products
 
 
@@ -87,9 +87,8 @@ class CampaignProducts:
         self._function_index = {
             o: {name: i for i, name in enumerate(p.functions)} for o, p in runs[0].items()
         }
-        self._G = {o: np.stack([r[o].G for r in runs]) for o in self.observations}
         self._x = {o: np.stack([r[o].cross for r in runs]) for o in self.observations}
-        # X'y with shared nuisances marginalised; in ``_G``, they are not.
+        # X'y with shared nuisances marginalised; in ``Products.grams``, they are not.
         self._b = {
             o: np.stack([r[o].c - np.tensordot(r[o].cross_y, r[o].cross, 1) for r in runs])
             for o in self.observations
@@ -102,8 +101,10 @@ class CampaignProducts:
     @property
     def is_finite(self) -> bool:
         """Whether all products are finite; they are not where the motion of a run diverges."""
-        products = (self.chi2, *self._G.values(), *self._b.values())
-        return all(bool(np.isfinite(values).all()) for values in products)
+        products = (self.chi2, *self._b.values())
+        return all(bool(np.isfinite(values).all()) for values in products) and all(
+            p.grams.is_finite for of_run in self.runs for p in of_run.values()
+        )
 
     @property
     def counts(self) -> dict[str, float]:
@@ -116,19 +117,19 @@ class CampaignProducts:
         self._base_G, self._base_x = {}, {}
         self.base_A, self.base_b = np.zeros((runs, p, p)), np.zeros((runs, p))
         for o in self.observations:
-            G, b = self._G[o], self._b[o]
+            b, x = self._b[o], self._x[o]
             products = np.zeros((runs, p, *b.shape[1:]))
-            nuisances = np.zeros((runs, p, self._x[o].shape[1]))
-            for i, coefficient in enumerate(self.base):
-                for row, f, w in self._entries(coefficient, o):
-                    products[:, i, row] += w[:, None] * G[:, row, f]
-                    nuisances[:, i] += w[:, None] * self._x[o][:, :, row, f]
-            self._base_G[o], self._base_x[o] = products, nuisances
-            for i, coefficient in enumerate(self.base):
-                for row, f, w in self._entries(coefficient, o):
-                    self.base_A[:, :, i] += products[:, :, row, f] * w[:, None]
-                    self.base_b[:, i] += b[:, row, f] * w
+            nuisances = np.zeros((runs, p, x.shape[1]))
+            of_rows = list(self._weights(self.base, o))
+            for row, index, W in of_rows:
+                for r, of_run in enumerate(self.runs):
+                    products[r, :, row] = of_run[o].grams.times(row, index, W[r])
+                nuisances += W @ x[:, :, row, index].transpose(0, 2, 1)
+                self.base_b += (W @ b[:, row, index][:, :, None])[:, :, 0]
+            for row, index, W in of_rows:
+                self.base_A += products[:, :, row, index] @ W.transpose(0, 2, 1)
             self.base_A -= nuisances @ nuisances.transpose(0, 2, 1)
+            self._base_G[o], self._base_x[o] = products, nuisances
 
     def normal_equations(self, coefficients: Sequence[Coefficient]) -> tuple[Array, Array]:
         """Normal equations A (runs, p, p), b (runs, p) of the base, then these coefficients."""
@@ -136,19 +137,11 @@ class CampaignProducts:
         A, b = np.zeros((runs, n + q, n + q)), np.zeros((runs, n + q))
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
         for o in self.observations:
-            entries = [(i, e) for i, c in enumerate(coefficients) for e in self._entries(c, o)]
-            if not entries:
-                continue
             X = np.zeros((runs, q, self._x[o].shape[1]))
-            for row in dict.fromkeys(row for _, (row, _, _) in entries):
-                of_row = [(i, f, w) for i, (at_row, f, w) in entries if at_row == row]
-                at = {f: k for k, f in enumerate(dict.fromkeys(f for _, f, _ in of_row))}
-                index = np.array(list(at))
-                W = np.zeros((runs, q, len(index)))
-                for i, f, w in of_row:
-                    W[:, i, at[f]] += w
+            for row, index, W in self._weights(coefficients, o):
                 T = W.transpose(0, 2, 1)
-                A[:, n:, n:] += W @ self._G[o][:, row][:, index[:, None], index] @ T
+                G = np.stack([of_run[o].grams.entries(row, index) for of_run in self.runs])
+                A[:, n:, n:] += W @ G @ T
                 A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
                 b[:, n:] += (W @ self._b[o][:, row, index][:, :, None])[:, :, 0]
                 X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
@@ -157,10 +150,23 @@ class CampaignProducts:
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
         return A, b
 
-    def _entries(self, coefficient: Coefficient, o: str) -> list[tuple[int, int, Array]]:
-        """Triples of row, index of the function and weights (runs,) in observation ``o``."""
-        placement = coefficient.placements.get(o)
-        if placement is None:
-            return []
-        index = self._function_index[o]
-        return [(row, index[f], w) for row, f, w in placement.entries]
+    def _weights(
+        self, coefficients: Sequence[Coefficient], o: str
+    ) -> Iterator[tuple[int, Indices, Array]]:
+        """Yield each row of observation ``o`` on which coefficients act.
+
+        With the row, the indices (k,) of the functions on which they act there, and their weights
+        (runs, coefficients, k).
+        """
+        at = self._function_index[o]
+        by_row: dict[int, list[tuple[int, int, Array]]] = {}
+        for i, coefficient in enumerate(coefficients):
+            placement = coefficient.placements.get(o)
+            for row, name, w in () if placement is None else placement.entries:
+                by_row.setdefault(row, []).append((i, at[name], w))
+        for row, entries in by_row.items():
+            index = {f: k for k, f in enumerate(dict.fromkeys(f for _, f, _ in entries))}
+            W = np.zeros((len(self.runs), len(coefficients), len(index)))
+            for i, f, w in entries:
+                W[:, i, index[f]] += w
+            yield row, np.array(list(index)), W

@@ -182,10 +182,12 @@ def cross_gram(
         for r, of_run in enumerate(campaign.runs):
             p = of_run[o]
             at = {name: i for i, name in enumerate(p.functions)}
-            left, right = (_weights(c, o, r, at, len(p.G)) for c in (ones, others))
+            left, right = (_weights(c, o, r, at, len(p.c)) for c in (ones, others))
             shared = [np.zeros((len(c), len(p.cross))) for c in (ones, others)]
-            for row, G in enumerate(p.G):
-                gram += left[row] @ (right[row] @ G).T
+            for row in range(len(p.c)):
+                acting = np.unique(right[row].indices).astype(int)
+                weights = right[row][:, acting].toarray()
+                gram += left[row] @ p.grams.times(row, acting, weights).T
                 for sums, w in zip(shared, (left[row], right[row]), strict=True):
                     sums += w @ p.cross[:, row].T
             gram -= shared[0] @ shared[1].T

@@ -9,11 +9,12 @@ marginalised here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from herringbone_sim.arrays import Array, Indices
 
@@ -60,13 +61,85 @@ class Block:
         return own if self.common_columns is None else np.hstack([own, self.common_columns])
 
 
+class Grams(Protocol):
+    """Gram matrices of the columns of each row."""
+
+    def entries(self, row: int, functions: Indices) -> Array:
+        """Part (k, k) of a row's matrix of k functions."""
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all entries are finite."""
+
+
+@dataclass(frozen=True)
+class DenseGrams:
+    """Gram matrices with all entries: ``values`` (R, Q, Q)."""
+
+    values: Array
+
+    def entries(self, row: int, functions: Indices) -> Array:
+        return np.asarray(self.values[row][np.ix_(functions, functions)])
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        return np.asarray(weights @ self.values[row][functions])
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.values).all())
+
+
+@dataclass(frozen=True)
+class GramsOfColumns:
+    """Gram matrices of columns most of which all rows share, computed where asked.
+
+    Such columns may be more than there are samples, their matrices larger than they are.
+
+    Attributes:
+        own: (R, Q - C, n) columns of each row.
+        common: (C, n) columns of all rows.
+        scale: (R,) factor on the products, which whitens them.
+        nuisance: (R, S, Q) products to subtract, as U'U with this U.
+    """
+
+    own: Array
+    common: Array
+    scale: Array
+    nuisance: Array
+
+    def entries(self, row: int, functions: Indices) -> Array:
+        X, U = self._columns(row, functions), self.nuisance[row][:, functions]
+        return np.asarray(self.scale[row] * (X @ X.T) - U.T @ U)
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        X = self.scale[row] * (weights @ self._columns(row, functions))
+        U = weights @ self.nuisance[row][:, functions].T
+        every = np.hstack([X @ self.own[row].T, X @ self.common.T])
+        return np.asarray(every - U @ self.nuisance[row])
+
+    def _columns(self, row: int, functions: Indices) -> Array:
+        """Columns (k, n) of k functions in a row."""
+        first = self.own.shape[1]
+        if functions.size and functions.min() >= first:
+            return np.asarray(self.common[functions - first])
+        every = [self.own[row, q] if q < first else self.common[q - first] for q in functions]
+        return np.stack(every) if every else np.zeros((0, self.own.shape[2]))
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.own).all() and np.isfinite(self.common).all())
+
+
 @dataclass(frozen=True)
 class Products:
     """Products of one block with the nuisance parameters of single rows marginalised.
 
     Attributes:
         functions: as in the block.
-        G: (R, Q, Q) Gram matrix X'X of the whitened columns.
+        grams: Gram matrices X'X (Q, Q) of the whitened columns of each row.
         c: (R, Q) X'y with the whitened residual y.
         chi2: (R,) y'y.
         count: (R,) number of independent values.
@@ -76,7 +149,7 @@ class Products:
     """
 
     functions: tuple[str, ...]
-    G: Array
+    grams: Grams
     c: Array
     chi2: Array
     count: Array
@@ -123,18 +196,13 @@ def with_offsets(block: Block, offsets: Array | None, noise: Array | None) -> Bl
 
 def products(block: Block) -> Products:
     """Compute the products of a block, with nuisances of single rows marginalised."""
-    (n, R), Q = block.residual.shape, len(block.functions)
-    G, c = np.empty((R, Q, Q)), np.empty((R, Q))
-    chi2 = np.empty(R)
-    for row, (whole, with_N, own) in enumerate(_grams(block)):
-        if len(own):
-            normal = own + np.diag(block.nuisance_sd[row] ** -2.0)
-            whole = whole - with_N.T @ np.linalg.solve(normal, with_N)
-        G[row], c[row], chi2[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
-    cross, cross_y = _shared_products(block, G, c)
+    n, R = block.residual.shape
+    of_block = _dense_grams if block.common_columns is None else _grams_of_columns
+    grams, c, chi2 = of_block(block)
+    cross, cross_y = _shared_products(block, grams, c)
     return Products(
         block.functions,
-        G,
+        grams,
         c,
         chi2,
         np.full(R, n * block.independent_share),
@@ -143,60 +211,69 @@ def products(block: Block) -> Products:
     )
 
 
-Gram = tuple[Array, Array, Array]
-
-
-def _grams(block: Block) -> Iterator[Gram]:
-    """Yield for each row X'X (Q+1, Q+1), N'X (S, Q+1) and N'N (S, S), all whitened.
-
-    The last column of X is the residual; N are the nuisance columns of the row.
-    """
-    if block.common_columns is not None:
-        yield from _grams_with_common(block, block.common_columns)
-        return
+def _dense_grams(block: Block) -> tuple[Grams, Array, Array]:
+    """Gram matrices, X'y (R, Q) and y'y (R,) of a block, with nuisances of rows marginalised."""
+    _, R, Q = block.columns.shape
+    G, c, chi2 = np.empty((R, Q, Q)), np.empty((R, Q)), np.empty(R)
     root = np.sqrt(block.independent_share)
-    for row in range(block.residual.shape[1]):
+    for row in range(R):
         w = root / block.sigma[:, row]
         X = np.column_stack([block.columns[:, row] * w[:, None], block.residual[:, row] * w])
         N = block.nuisance[:, row] * w[:, None]
-        yield X.T @ X, N.T @ X, N.T @ N
+        U = _whitened_products(N.T @ N, block.nuisance_sd[row], N.T @ X)
+        whole = X.T @ X - U.T @ U
+        G[row], c[row], chi2[row] = whole[:Q, :Q], whole[:Q, Q], whole[Q, Q]
+    return DenseGrams(G), c, chi2
 
 
-def _grams_with_common(block: Block, C: Array) -> Iterator[Gram]:
-    """Yield the products of ``_grams``; those of the common columns C (n, C) only once."""
-    N, own = np.ascontiguousarray(block.nuisance[:, 0]), block.columns.shape[2]
-    C_C, N_C, N_N = C.T @ C, N.T @ C, N.T @ N
-    for row in range(block.residual.shape[1]):
-        D = np.column_stack([block.columns[:, row], block.residual[:, row]])
-        C_D, N_D, D_D = C.T @ D, N.T @ D, D.T @ D
-        whole = np.block(
-            [
-                [D_D[:own, :own], C_D[:, :own].T, D_D[:own, own:]],
-                [C_D[:, :own], C_C, C_D[:, own:]],
-                [D_D[own:, :own], C_D[:, own:].T, D_D[own:, own:]],
-            ]
-        )
-        with_N = np.hstack([N_D[:, :own], N_C, N_D[:, own:]])
-        square = block.independent_share / block.sigma[0, row] ** 2
-        yield square * whole, square * with_N, square * N_N
+def _grams_of_columns(block: Block) -> tuple[Grams, Array, Array]:
+    """``_dense_grams`` of a block with common columns."""
+    assert block.common_columns is not None
+    R, Q, N = block.residual.shape[1], len(block.functions), block.nuisance[:, 0]
+    common = np.ascontiguousarray(block.common_columns.T)
+    own = np.ascontiguousarray(block.columns.transpose(1, 2, 0))
+    scale = block.independent_share / block.sigma[0] ** 2
+    N_N, common_N = N.T @ N, common @ N
+    nuisance = np.empty((R, N.shape[1], Q))
+    c, chi2 = np.empty((R, Q)), np.empty(R)
+    for row in range(R):
+        y = block.residual[:, row]
+        X_N = np.vstack([own[row] @ N, common_N, y @ N])
+        U = _whitened_products(scale[row] * N_N, block.nuisance_sd[row], scale[row] * X_N.T)
+        nuisance[row], of_y = U[:, :Q], U[:, Q]
+        c[row] = scale[row] * np.append(own[row] @ y, common @ y) - of_y @ nuisance[row]
+        chi2[row] = scale[row] * (y @ y) - of_y @ of_y
+    return GramsOfColumns(own, common, scale, nuisance), c, chi2
 
 
-def _shared_products(block: Block, G: Array, c: Array) -> tuple[Array, Array]:
+def _whitened_products(N_N: Array, sd: Array, N_X: Array) -> Array:
+    """U (S, k) such that U'U is what marginalising S nuisances takes from X'X.
+
+    Args:
+        N_N, N_X: N'N (S, S) and N'X (S, k) of whitened columns.
+        sd: (S,) prior standard deviations of the nuisances.
+    """
+    root = np.linalg.cholesky(N_N + np.diag(sd**-2.0))
+    return np.asarray(solve_triangular(root, N_X, lower=True, check_finite=False))
+
+
+def _shared_products(block: Block, grams: Grams, c: Array) -> tuple[Array, Array]:
     """Return ``cross`` (T, R, Q) and ``cross_y`` (T,) of ``Products``.
 
     Args:
-        G, c: X'X (R, Q, Q) and X'y (R, Q) of the block.
+        grams, c: X'X and X'y (R, Q) of the block.
     """
     T = len(block.shared_sd)
     if not T:
         return np.zeros((0, *c.shape)), np.zeros(0)
-    cross = (block.shared.transpose(1, 0, 2) @ G).transpose(1, 0, 2)
-    weights = block.shared.reshape(T, -1)
-    normal = cross.reshape(T, -1) @ weights.T + np.diag(block.shared_sd**-2.0)
-    cross_y = weights @ c.ravel()
-    root = np.linalg.cholesky(normal)
-    whitened = np.linalg.solve(root, cross.reshape(T, -1)).reshape(cross.shape)
-    return whitened, np.asarray(np.linalg.solve(root, cross_y))
+    acting = np.flatnonzero(np.any(block.shared != 0.0, axis=(0, 1)))
+    weights = block.shared[:, :, acting]
+    cross = np.stack([grams.times(r, acting, weights[:, r]) for r in range(len(c))], axis=1)
+    normal = cross[:, :, acting].reshape(T, -1) @ weights.reshape(T, -1).T
+    cross_y = weights.reshape(T, -1) @ c[:, acting].ravel()
+    root = np.linalg.cholesky(normal + np.diag(block.shared_sd**-2.0))
+    whitened = np.linalg.solve(root, np.column_stack([cross.reshape(T, -1), cross_y]))
+    return np.asarray(whitened[:, :-1].reshape(cross.shape)), np.asarray(whitened[:, -1])
 
 
 def residual_without_nuisance(block: Block) -> Array:
@@ -245,7 +322,8 @@ def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
 
 def recentred(p: Products, a: Array) -> Products:
     """Products of a linear observation about amplitudes ``a`` (R, Q) instead of zero."""
-    along = (p.G @ a[:, :, None])[:, :, 0]
+    acting = np.flatnonzero(np.any(a != 0.0, axis=0))
+    along = np.vstack([p.grams.times(row, acting, w[None, acting]) for row, w in enumerate(a)])
     return replace(
         p,
         c=p.c - along,

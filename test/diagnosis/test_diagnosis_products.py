@@ -38,6 +38,12 @@ def a_block(seed, name="law", n=25, rows=2, functions=("f", "g", "h"), kinds=(2,
     )
 
 
+def gram_matrices(found):
+    """(rows, Q, Q) Gram matrices of products."""
+    rows, Q = found.c.shape
+    return np.array([found.grams.entries(row, np.arange(Q)) for row in range(rows)])
+
+
 def dense(block):
     """Covariance of the residual with all nuisances, rows one after the other, and its samples."""
     n, rows, _ = block.columns.shape
@@ -114,7 +120,8 @@ def test_moved_products_are_those_of_the_block_about_the_amplitudes():
     block, a = a_block(4), np.random.default_rng(0).normal(size=(2, 3))
     there = replace(block, residual=block.residual - np.einsum("nrq,rq->nr", block.columns, a))
     found, expected = recentred(products(block), a), products(there)
-    for name in ("G", "c", "chi2", "count", "cross", "cross_y"):
+    np.testing.assert_allclose(gram_matrices(found), gram_matrices(expected), atol=1e-10)
+    for name in ("c", "chi2", "count", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-10)
 
 
@@ -230,7 +237,12 @@ def test_products_of_columns_that_all_rows_share_are_those_taken_row_by_row() ->
     for of_block in (residual_without_nuisance, shared_nuisances):
         np.testing.assert_allclose(of_block(with_common), of_block(block), rtol=1e-9)
     plain, shared = products(block), products(with_common)
-    for name in ("G", "c", "chi2", "cross", "cross_y"):
+    np.testing.assert_allclose(gram_matrices(shared), gram_matrices(plain), rtol=1e-9)
+    every, W = np.array([4, 1, 2]), rng.normal(size=(2, 3))
+    for row in range(rows):
+        of_plain = plain.grams.times(row, every, W)
+        np.testing.assert_allclose(shared.grams.times(row, every, W), of_plain, rtol=1e-9)
+    for name in ("c", "chi2", "cross", "cross_y"):
         np.testing.assert_allclose(getattr(shared, name), getattr(plain, name), rtol=1e-9)
 
 

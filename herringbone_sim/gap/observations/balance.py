@@ -42,6 +42,7 @@ NAME = "torque_balance"
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input shaft; chosen
+TOGETHER = 32  # signals averaged at once, so few that they stay in the cache; chosen for run time
 # Control at its phase, and a quarter of its period late.
 CONTROL = ("control", "control late")
 
@@ -247,10 +248,10 @@ def _columns(
                 made[f"{f.name} of {j}"] = partial(np.take, of_law, i, 1)
     by_row = {name: parts[i][::stride] for i, name in enumerate((*MASSES, "quadrature"))}
     own = [by_row[n] for n in names if n in by_row]
-    common = [made[n]() for n in names if n not in by_row]
+    others = [n for n in names if n not in by_row]
     k, rows = parts[0][::stride].shape
-    return (
-        names,
-        np.stack(own, axis=2) if own else np.zeros((k, rows, 0)),
-        window.averages(np.stack(common), stride).T if common else np.zeros((k, 0)),
-    )
+    common = np.empty((len(others), k))
+    for i in range(0, len(others), TOGETHER):
+        some = np.stack([made[n]() for n in others[i : i + TOGETHER]])
+        common[i : i + TOGETHER] = window.averages(some, stride)
+    return names, np.stack(own, axis=2) if own else np.zeros((k, rows, 0)), common.T
