@@ -140,8 +140,8 @@ class CampaignProducts:
             X = np.zeros((runs, q, self._x[o].shape[1]))
             for row, index, W in self._weights(coefficients, o):
                 T = W.transpose(0, 2, 1)
-                G = np.stack([of_run[o].grams.entries(row, index) for of_run in self.runs])
-                A[:, n:, n:] += W @ G @ T
+                for r, of_run in enumerate(self.runs):
+                    A[r, n:, n:] += of_run[o].grams.weighted(row, index, W[r])
                 A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
                 b[:, n:] += (W @ self._b[o][:, row, index][:, :, None])[:, :, 0]
                 X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)

@@ -48,13 +48,13 @@ from herringbone_sim.diagnosis.pairs import (
     with_each_alone,
     without_duplicates,
 )
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.diagnosis.search import (
     MIN_GAIN_PER_VALUE,
     Search,
     amplitudes,
 )
-from herringbone_sim.diagnosis.threads import parallel_map
 
 # Fraction of the gap that an effect must explain to be sought further; chosen for run time, below
 # what the best single effect explains in any pair of the stored evidence.

@@ -9,6 +9,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
 
@@ -94,9 +95,8 @@ def rank(
     fitted_amplitudes = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
     machine, proposed = search.machine.proposals(fitted_amplitudes, known)
     search = search.onwards(machine, base_fit)
-    quick = sorted(
-        ((search.quick(hypothesis.coefficients), i) for i, hypothesis in enumerate(catalogue))
-    )
+    gains = forked_map(lambda hypothesis: search.quick(hypothesis.coefficients), catalogue)
+    quick = sorted((gain, i) for i, gain in enumerate(gains))
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
     for _, i in quick:
@@ -108,9 +108,13 @@ def rank(
             per[hypothesis.effect] = per.get(hypothesis.effect, 0) + 1
             chosen.append(hypothesis)
     ranking: Ranking = []
-    for hypothesis in (*chosen, *proposed):
+    every = (*chosen, *proposed)
+
+    def screened(hypothesis: Hypothesis) -> tuple[float, Array]:
         score = search.screened(hypothesis.coefficients, 0.3)
-        loss, start = score.loss, score.mean
+        return score.loss, score.mean
+
+    for hypothesis, (loss, start) in zip(every, forked_map(screened, every), strict=True):
         if hypothesis.measured_gain is not None:
             loss = search.null.loss - hypothesis.measured_gain
             start = np.array([*hypothesis.base_mean, *(c.center for c in hypothesis.coefficients)])
@@ -140,17 +144,39 @@ def fit_best(
     Partly screened hypotheses of an effect are counted apart, as the part that the screen misses
     may be why they are ranked behind its others.
     """
-    fits: list[FittedExplanation] = []
     made = {id(f.hypotheses[0]): f for f in fitted}
+    chosen: list[tuple[Hypothesis, Array]] = []
     per: dict[tuple[str, bool], int] = {}
     for _, hypothesis, start in ranked:
-        if len(fits) == max_fits:
+        if len(chosen) == max_fits:
             break
         family = (hypothesis.effect, hypothesis.partly_screened)
         if per.get(family, 0) < per_effect:
             per[family] = per.get(family, 0) + 1
-            fits.append(made.get(id(hypothesis)) or fit_effect(search, hypothesis, start))
-    return tuple(sorted(fits, key=lambda f: f.loss))
+            chosen.append((hypothesis, start))
+    known = [made[id(h)] for h, _ in chosen if id(h) in made]
+    fits = fit_effects(search, [(h, start) for h, start in chosen if id(h) not in made])
+    return tuple(sorted((*known, *fits), key=lambda f: f.loss))
+
+
+def fit_effects(
+    search: Search, starts: Sequence[tuple[Hypothesis, Array]]
+) -> list[FittedExplanation]:
+    """Fit effects exactly, each alone from its start (p,); see ``fit_effect``.
+
+    Side by side, but where states are estimated: those of one fit are the start of the next.
+    """
+    if search.machine.estimates_states:
+        return [fit_effect(search, hypothesis, start) for hypothesis, start in starts]
+
+    def fitted(given: tuple[Hypothesis, Array]) -> Score:
+        """Score without coefficients, which are large and known here."""
+        return replace(fit_effect(search, *given).score, coefficients=())
+
+    return [
+        FittedExplanation((h,), replace(score, coefficients=(*search.base, *h.coefficients)))
+        for (h, _), score in zip(starts, forked_map(fitted, starts), strict=True)
+    ]
 
 
 def fit_effect(search: Search, hypothesis: Hypothesis, start: Array) -> FittedExplanation:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array, Flags, Indices
-from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.diagnosis.parallel import parallel_map
 
 # Chosen, not fitted:
 N_FEATURES = 200

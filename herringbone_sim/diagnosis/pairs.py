@@ -14,6 +14,7 @@ from herringbone_sim.diagnosis.fits import (
     Ranking,
     fit_best,
     fit_effect,
+    fit_effects,
     rank,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -120,7 +121,7 @@ def _beside_singles(
     """Fit at most ``MAX_PAIRS_OF_SINGLES`` untried singles beside the hypothesis of the base."""
     seen = {_key(f.hypotheses[0]) for f in tried}
     effects = {base_hypothesis.effect}
-    fits: list[FittedExplanation] = []
+    starts: list[tuple[Hypothesis, Array]] = []
     for f in singles:
         hypothesis = f.hypotheses[0]
         if (
@@ -131,10 +132,10 @@ def _beside_singles(
             continue
         effects.add(hypothesis.effect)
         alone = f.score.mean[-len(hypothesis.coefficients) :]
-        fits.append(fit_effect(search, hypothesis, np.concatenate([search.null.mean, alone])))
-        if len(fits) == MAX_PAIRS_OF_SINGLES:
+        starts.append((hypothesis, np.concatenate([search.null.mean, alone])))
+        if len(starts) == MAX_PAIRS_OF_SINGLES:
             break
-    return fits
+    return fit_effects(search, starts)
 
 
 def without_duplicates(fits: Sequence[FittedExplanation]) -> tuple[FittedExplanation, ...]:

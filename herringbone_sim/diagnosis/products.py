@@ -64,8 +64,8 @@ class Block:
 class Grams(Protocol):
     """Gram matrices of the columns of each row."""
 
-    def entries(self, row: int, functions: Indices) -> Array:
-        """Part (k, k) of a row's matrix of k functions."""
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        """Weights (p, k) on k functions on both sides of a row's matrix: (p, p)."""
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
@@ -81,8 +81,9 @@ class DenseGrams:
 
     values: Array
 
-    def entries(self, row: int, functions: Indices) -> Array:
-        return np.asarray(self.values[row][np.ix_(functions, functions)])
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        entries = self.values[row][np.ix_(functions, functions)]
+        return np.asarray(weights @ entries @ weights.T)
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         return np.asarray(weights @ self.values[row][functions])
@@ -110,9 +111,10 @@ class GramsOfColumns:
     scale: Array
     nuisance: Array
 
-    def entries(self, row: int, functions: Indices) -> Array:
-        X, U = self._columns(row, functions), self.nuisance[row][:, functions]
-        return np.asarray(self.scale[row] * (X @ X.T) - U.T @ U)
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        X = weights @ self._columns(row, functions)
+        U = weights @ self.nuisance[row][:, functions].T
+        return np.asarray(self.scale[row] * (X @ X.T) - U @ U.T)
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         X = self.scale[row] * (weights @ self._columns(row, functions))

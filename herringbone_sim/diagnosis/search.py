@@ -11,6 +11,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, functions_used
 from herringbone_sim.diagnosis.machine import Amplitudes, Machine
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import (
     Block,
     Products,
@@ -20,7 +21,6 @@ from herringbone_sim.diagnosis.products import (
 )
 from herringbone_sim.diagnosis.regression import within
 from herringbone_sim.diagnosis.score import PRIOR_SCALES, Score, compute_score, trust_region
-from herringbone_sim.diagnosis.threads import parallel_map
 
 # Settings of Gauss-Newton and of the search, chosen, not fitted:
 MAX_ROUNDS = 20

@@ -100,7 +100,10 @@ def test_a_fit_that_was_made_is_not_made_again() -> None:
         return SimpleNamespace(loss=5.0, mean=start, in_sample=5.0)
 
     null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
-    search: Any = SimpleNamespace(refined=refined, settled=lambda score: score, null=null)
+    machine = SimpleNamespace(estimates_states=True)
+    search: Any = SimpleNamespace(
+        refined=refined, settled=lambda score: score, null=null, machine=machine
+    )
     here, there = one("stiffness"), one("stiffness", place="left")
     score: Any = SimpleNamespace(loss=7.0, in_sample=7.0)
     before = FittedExplanation((here,), score)
@@ -122,7 +125,10 @@ def test_a_fit_that_goes_astray_is_made_again_from_its_base() -> None:
         return SimpleNamespace(loss=left, mean=start, in_sample=left)
 
     null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
-    search: Any = SimpleNamespace(refined=refined, settled=lambda score: score, null=null)
+    machine = SimpleNamespace(estimates_states=True)
+    search: Any = SimpleNamespace(
+        refined=refined, settled=lambda score: score, null=null, machine=machine
+    )
     (fit,) = fit_best(search, [(0.0, one("stiffness"), np.array([0.0, 0.0, 9.0]))], 1, 1)
     assert fit.loss == 4.0
 
@@ -140,7 +146,7 @@ def ranking_of(catalogue: list[Hypothesis], gains: dict[int, float]) -> Any:
     null = SimpleNamespace(
         coefficients=(), mean=np.zeros(0), count=100.0, loss=100.0, in_sample=100.0
     )
-    machine = SimpleNamespace(proposals=lambda made, known: (None, []))
+    machine = SimpleNamespace(proposals=lambda made, known: (None, []), estimates_states=True)
     search: Any = SimpleNamespace(
         null=null, machine=machine, runs=1, rows={}, screened=score, refined=score, base=()
     )

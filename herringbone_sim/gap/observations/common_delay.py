@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations.gear import Gear
@@ -108,7 +108,7 @@ def _by_windows(
         ]
         return float(np.mean(squares)) if squares else np.inf
 
-    without = {run.name: x for run, x in zip(used, parallel_map(left, used), strict=True)}
+    without = {run.name: x for run, x in zip(used, forked_map(left, used), strict=True)}
     used = [run for run in used if 0.0 < without[run.name] < np.inf]
     if not used:
         return tuple(runs)
@@ -116,7 +116,7 @@ def _by_windows(
 
     def share(delay: float) -> float:
         """What is left at a delay [s] over what is left without one, mean over the runs."""
-        return float(np.mean(np.divide(parallel_map(partial(left, delay=delay), used), before)))
+        return float(np.mean(np.divide(forked_map(partial(left, delay=delay), used), before)))
 
     longest = longest_delay(runs[0])
     step = longest / 4.0

@@ -17,9 +17,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import functions_used
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block, products, shared_nuisances
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations import force_law

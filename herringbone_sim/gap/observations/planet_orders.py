@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Indices
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.machine import Amplitudes
-from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.gap.observations import trajectory
 from herringbone_sim.gap.observations.gear import Gear
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import balance, consistency, force_law, trajectory

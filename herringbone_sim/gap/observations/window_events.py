@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
+from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, trajectory

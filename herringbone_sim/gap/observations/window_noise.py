@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.threads import parallel_map
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.gap.data.noise import at_least_quantisation
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun, deciding
 from herringbone_sim.gap.observations.rollout import STATES
@@ -55,7 +55,7 @@ def with_noise_of_windows(runs: Sequence[PreparedRun], known: bool) -> tuple[Pre
             run = _lowered(run, quantity, residual_rms)
         return run
 
-    return tuple(parallel_map(learned, runs))
+    return tuple(forked_map(learned, runs))
 
 
 def _lowered(run: PreparedRun, quantity: str, residual_rms: Mapping[str, float]) -> PreparedRun:

@@ -14,10 +14,10 @@ from scipy.stats import qmc
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Amplitudes
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations import force_law, trajectory
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import law
@@ -72,10 +72,10 @@ class WindowPartTrial(PartTrial):
         points = qmc.Sobol(len(self._present.names), seed=0).random(N_SEARCHED)
         offsets = np.log(SEARCH_RANGE) * (2.0 * points - 1.0)
         seats = [self._present.with_log_offsets(offset) for offset in offsets]
-        gains = np.array(parallel_map(self.gain, seats))
+        gains = np.array(forked_map(self.gain, seats))
         starts = [self._present, *(seats[i] for i in np.argsort(-gains)[:N_REFINED])]
         optima: list[Seat] = []
-        for seat in sorted(parallel_map(self.refined, starts), key=lambda s: -s.measured_gain):
+        for seat in sorted(forked_map(self.refined, starts), key=lambda s: -s.measured_gain):
             if optima and seat.measured_gain < 0.0:
                 break
             ratios = [np.divide(seat.theta[:2], other.theta[:2]) for other in optima]
@@ -100,7 +100,7 @@ class WindowPartTrial(PartTrial):
         model = self.gear.model
         run_trajectory = self.gear.trajectory_under(run.number, self._amplitudes)
         s, solution = run_trajectory.windows, run_trajectory.last_linearisation[0]
-        drive = self._drive(run, seat)
+        drive = self._drive(run, seat.effect, seat.locus)
         at = np.flatnonzero(drive.meshes_mask.any(axis=0))
         seats = [seat] if self._present is None else [seat, self._present]
         q, *before_it = drive.motions(seats)

@@ -15,9 +15,9 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.fits import SURE_SHARE
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
+from herringbone_sim.diagnosis.parallel import forked_map, parallel_map
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, amplitudes
-from herringbone_sim.diagnosis.threads import parallel_map
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import MAX_FIT_CHI2
@@ -174,7 +174,7 @@ def trials_anew(
         states = gear.states_anew(r, amplitudes_at(trial))
         return np.inf if states is None or not np.isfinite(states.cost) else states.cost
 
-    costs = parallel_map(cost, trials)
+    costs = forked_map(cost, trials)
     best = int(np.argmin(costs))
     if not costs[best] < gear.states(r, amplitudes_at(fit.mean)).cost - CHANCE_CHI2:
         return None
