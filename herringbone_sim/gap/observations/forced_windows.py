@@ -16,7 +16,12 @@ from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
-from herringbone_sim.gap.observations.shooting import WindowSolution, evaluated, symmetric_starts
+from herringbone_sim.gap.observations.shooting import (
+    FittedStates,
+    WindowSolution,
+    evaluated,
+    symmetric_starts,
+)
 from herringbone_sim.gap.observations.window_columns import BodyForce, body_forces
 from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
 from herringbone_sim.gap.observations.windows import (
@@ -127,7 +132,7 @@ class ForcedWindows:
             m.half_backlash_m,
         )
 
-    def _motion_at_half_steps(self, solution: WindowSolution) -> MeshMotion:
+    def _motion_at_half_steps(self, solution: WindowSolution | FittedStates) -> MeshMotion:
         """Mesh motion at every half step of all windows, interpolated between the steps."""
         half, steps = STATES // 2, solution.states_of_all
         u, rate = hermite_interpolation(steps[:, :half], steps[:, half:], self.windows.h, 2)
@@ -151,7 +156,7 @@ class ForcedWindows:
         change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-    ) -> Callable[[WindowSolution], Forcing]:
+    ) -> Callable[[WindowSolution | FittedStates], Forcing]:
         """Return the forcing under a change as a function of the states; sets ``windows``.
 
         Args:
@@ -162,7 +167,7 @@ class ForcedWindows:
         self.windows = with_sensor_errors(self.recorded, of_bodies)
         masses = self.masses(of_bodies)
 
-        def forcing_at(solution: WindowSolution) -> Forcing:
+        def forcing_at(solution: WindowSolution | FittedStates) -> Forcing:
             m = self._motion_at_half_steps(solution)
             change = change_of(m)
             pushes = [

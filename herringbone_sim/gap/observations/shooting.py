@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.gap.observations.body_motion import (
     rigid_moment,
     shaft_rotations,
@@ -28,6 +28,29 @@ FIT_MAX_ROUNDS = 25
 FIT_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit ends
 # Tolerance where states are the result: those of unmeasured planets converge slower than chi2.
 FINE_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class FittedStates:
+    """Fitted states of W windows, as a start of another fit.
+
+    Attributes:
+        starts, states, trends, cost: see ``WindowSolution``.
+    """
+
+    starts: Array
+    states: Array
+    trends: Array
+    cost: float
+
+    @property
+    def states_of_all(self) -> Array:
+        """See ``WindowSolution``."""
+        return steps_of_run(self.states)
+
+    def reordered(self, at: Indices) -> FittedStates:
+        """Copy with the 18 components of each state in the order ``at``."""
+        return replace(self, starts=self.starts[:, at], states=self.states[:, :, at])
 
 
 @dataclass(frozen=True)
@@ -62,6 +85,11 @@ class WindowSolution:
         if "step" not in self._cached:
             self._cached["step"] = self.integrator.tangents(self.starts, 1, restart=True)
         return self._cached["step"]
+
+    @property
+    def fitted(self) -> FittedStates:
+        """The states alone."""
+        return FittedStates(self.starts, self.states, self.trends, self.cost)
 
     @property
     def states_of_all(self) -> Array:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +28,7 @@ from herringbone_sim.gap.observations.regression_inputs import about_windows
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     FINE_TOLERANCE,
+    FittedStates,
     WindowSolution,
     evaluated,
     fitted_windows,
@@ -91,16 +91,16 @@ class Trajectory(ForcedWindows):
     ) -> None:
         super().__init__(run, windows=windows)
         self._exchanged = exchanged
-        self._solutions: dict[tuple[str, ...], WindowSolution] = {}
+        self._solutions: dict[tuple[str, ...], FittedStates] = {}
         self._restart_chi2: dict[tuple[str, ...], float] = {}
         self._chi2: dict[tuple[str, ...], float] = {}
         self._restarted_when_settled: set[tuple[str, ...]] = set()
         self._independent: float | None = None
-        self._least: WindowSolution | None = None
+        self._least: FittedStates | None = None
         self._nominal_solution: WindowSolution | None = None
-        self._tried: dict[tuple[str, ...], WindowSolution] = {}
+        self._tried: dict[tuple[str, ...], float] = {}
         self._failures: list[tuple[Group, float]] = []
-        self._anew: dict[tuple[str, ...], WindowSolution] = {}
+        self._anew: dict[tuple[str, ...], FittedStates] = {}
 
     def fitted_states(
         self,
@@ -126,21 +126,21 @@ class Trajectory(ForcedWindows):
         """
         forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
         new = key not in self._solutions
-        solution = self._solutions.get(key, self.nominal)
+        begin = self._solutions.get(key, self.nominal)
         solution = fitted_windows(
             self.windows,
-            solution.starts,
-            forcing_at(solution),
+            begin.starts,
+            forcing_at(begin),
             ROUNDS_NEW if new else ROUNDS_AGAIN,
-            solution.trends,
+            begin.trends,
         )
         better = self._least
         if (
             better is not None
             and better.cost < solution.cost - CHANCE_CHI2
-            and self._tried.get(key) is not better
+            and self._tried.get(key) != better.cost
         ):
-            self._tried[key] = better
+            self._tried[key] = better.cost
             other = fitted_windows(
                 self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
@@ -185,12 +185,11 @@ class Trajectory(ForcedWindows):
             )
         if not self._has_converged(solution):
             solution = self.nominal
-        # A copy, without the tangents that ``solution`` keeps once they have been asked for.
-        copied = replace(solution)
-        self._solutions[key], self._chi2[key] = copied, solution.cost
+        fitted = solution.fitted
+        self._solutions[key], self._chi2[key] = fitted, solution.cost
         comparable = self.windows is self.recorded
         if comparable and (self._least is None or solution.cost < self._least.cost):
-            self._least = copied
+            self._least = fitted
         return solution
 
     def states_anew(
@@ -214,7 +213,7 @@ class Trajectory(ForcedWindows):
         with_lead = lead.in_step_forcing(change_of, of_bodies, on_carrier)
         solution = own._restarted(forcing, with_lead, self.nominal.trends)
         if solution is not None:
-            self._anew.update(dict.fromkeys(keys, solution))
+            self._anew.update(dict.fromkeys(keys, solution.fitted))
         return solution
 
     @contextmanager
@@ -252,9 +251,7 @@ class Trajectory(ForcedWindows):
         other = copy.copy(self)
         other._nominal_solution = self.in_order(order)
         at = _of_states(order)
-        other._solutions = {
-            key: replace(fit, starts=fit.starts[:, at]) for key, fit in self._solutions.items()
-        }
+        other._solutions = {key: fit.reordered(at) for key, fit in self._solutions.items()}
         other._restart_chi2, other._chi2 = dict(self._restart_chi2), dict(self._chi2)
         other._restarted_when_settled = set(self._restarted_when_settled)
         other._failures, other._least = list(self._failures), None
