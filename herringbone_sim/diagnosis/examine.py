@@ -353,7 +353,7 @@ def _with_noise(
     """Search and fits made again with other noise factors; the single effects best first."""
     search = Search(search.machine, noise, none.score.mean, search.offsets)
     none = FittedExplanation((), search.settled(search.null))
-    again = [replace(f, score=search.settled(f.score)) for f in singles]
+    again = [replace(f, score=search.refitted(f.score)) for f in singles]
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
 
 

@@ -297,5 +297,5 @@ def fit_again(search: Search, explanation: FittedExplanation) -> FittedExplanati
 
     States of motion found since, under another explanation, may lead out of a wrong minimum.
     """
-    again = replace(explanation, score=search.settled(explanation.score))
+    again = replace(explanation, score=search.refitted(explanation.score))
     return min(explanation, again, key=lambda f: f.loss)

@@ -107,7 +107,10 @@ class Machine(Protocol):
         """Copy that compares more values of its runs; None where no more can be used."""
 
     def without_linearisation(self) -> Machine:
-        """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly."""
+        """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly.
+
+        The machine itself where its blocks always are.
+        """
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         """Measured quantities on which an unknown law of the rows of a block of run r may depend.

@@ -235,6 +235,11 @@ class Search:
         return MIN_GAIN_PER_VALUE * self.null.count
 
     def settled(self, score: Score) -> Score:
+        """Score of a fit with all observations exact; the given one where they were."""
+        exact = self.machine.without_linearisation() is self.machine
+        return score if exact else self.refitted(score)
+
+    def refitted(self, score: Score) -> Score:
         """Score of a fit with all observations exact, after one more step if it helps."""
         fine = copy.copy(self)
         fine.machine = self.machine.without_linearisation()

@@ -188,6 +188,8 @@ class GearMachine:
         return GearMachine(self.gear.with_windows(MORE_WINDOWS))
 
     def without_linearisation(self) -> GearMachine:
+        if self.gear.uses_windows:
+            return self
         machine = copy.copy(self)
         machine.gear = self.gear.without_linearisation()
         return machine
