@@ -25,6 +25,7 @@ from herringbone_sim.diagnosis.fits import (
     near_best,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis, Machine
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 
 MAX_REFERENCES = 3  # runs from whose own fit the orders of all others are sought; for run time
@@ -64,8 +65,10 @@ def in_best_orders(search: Search, catalogue: Sequence[Hypothesis]) -> Machine:
     plain = max(-search.quick(h.coefficients) for h in catalogue)
     by_chance = CHANCE_CHI2 + 2.0 * np.log(len(renamings)) * np.count_nonzero(free)
     best: dict[object, Ordered] = {}
-    for hypothesis in _told_apart(search, catalogue, renamings):
-        found = _best_orders(search, hypothesis, renamings, free)
+    sought = _told_apart(search, catalogue, renamings)
+    every = forked_map(lambda h: _best_orders(search, h.coefficients, renamings, free), sought)
+    for hypothesis, (gain, orders, mean) in zip(sought, every, strict=True):
+        found = Ordered(gain, hypothesis, orders, mean)
         kind = hypothesis.effect, _heads(search, hypothesis)
         if found.gain > plain + by_chance and (kind not in best or found.gain > best[kind].gain):
             best[kind] = found
@@ -102,23 +105,26 @@ def _told_apart(
     seen: set[object] = set()
     chosen = []
     for hypothesis in catalogue:
-        if not hypothesis.vanishes_at_zero or _key(hypothesis.coefficients, observations) in seen:
+        if not hypothesis.vanishes_at_zero:
             continue
-        keys = {_key(renamed(hypothesis.coefficients, r), observations) for r in renamings}
+        # What identifies coefficients: where they act, with which weights.
+        entries = [
+            (i, o, row, f, w.tobytes())
+            for i, c in enumerate(hypothesis.coefficients)
+            for o in observations
+            if o in c.placements
+            for row, f, w in c.placements[o].entries
+        ]
+        if frozenset(entries) in seen:
+            continue
+        keys = {
+            frozenset((i, o, row, r.get(f, f), w) for i, o, row, f, w in entries)
+            for r in renamings
+        }
         seen |= keys
         if len(keys) > 1:
             chosen.append(hypothesis)
     return chosen
-
-
-def _key(coefficients: Sequence[Coefficient], observations: Sequence[str]) -> object:
-    """What identifies coefficients: where they act in some observations, with which weights."""
-    return tuple(
-        frozenset((o, row, f, w.tobytes()) for row, f, w in c.placements[o].entries)
-        for c in coefficients
-        for o in observations
-        if o in c.placements
-    )
 
 
 def renamed(coefficients: Sequence[Coefficient], renaming: Renaming) -> list[Coefficient]:
@@ -137,16 +143,18 @@ def renamed(coefficients: Sequence[Coefficient], renaming: Renaming) -> list[Coe
 
 def _best_orders(
     search: Search,
-    hypothesis: Hypothesis,
+    coefficients: Sequence[Coefficient],
     renamings: Sequence[Renaming],
     free: NDArray[np.bool_],
-) -> Ordered:
+) -> tuple[float, list[int], Array]:
     """The order of each run in which a linear fit of an effect removes most chi2.
 
     Orders and coefficients are found in turn, from the fit to all runs in their first order and
     from the fits to single runs.
+
+    Returns:
+        ``gain``, ``orders`` and ``mean`` of ``Ordered``.
     """
-    coefficients = hypothesis.coefficients
     each = [search.campaign.normal_equations(renamed(coefficients, r)) for r in renamings]
     A, b = (np.stack(parts) for parts in zip(*each, strict=True))  # (orders, runs, p, p)
     prior = np.diag([c.sd**-2.0 for c in (*search.base, *coefficients)])
@@ -177,4 +185,4 @@ def _best_orders(
             best, choice = gain, orders
     mean = solved(choice, runs)
     mean[: len(search.base)] += search.null.mean
-    return Ordered(best, hypothesis, choice.tolist(), mean)
+    return best, choice.tolist(), mean

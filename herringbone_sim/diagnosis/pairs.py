@@ -18,6 +18,7 @@ from herringbone_sim.diagnosis.fits import (
     rank,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 
 # Limits of the search, chosen for run time:
@@ -38,14 +39,16 @@ def rank_jointly(search: Search, ranked: Ranking) -> PairRanking:
     """
     linear = [hypothesis for _, hypothesis, _ in ranked if hypothesis.measured_gain is None]
     every = [(a, b) for a, b in combinations(linear, 2) if a.effect != b.effect]
-    quick = [
-        (search.quick((*a.coefficients, *b.coefficients)), i) for i, (a, b) in enumerate(every)
-    ]
-    ranking: PairRanking = []
-    for _, i in sorted(quick)[:MAX_SCREENED_JOINTLY]:
-        a, b = every[i]
+    gains = forked_map(lambda ab: search.quick((*ab[0].coefficients, *ab[1].coefficients)), every)
+    best = [every[i] for i in np.argsort(gains, kind="stable")[:MAX_SCREENED_JOINTLY]]
+
+    def screened(pair: tuple[Hypothesis, Hypothesis]) -> tuple[float, Array]:
+        a, b = pair
         score = search.screened((*a.coefficients, *b.coefficients), 0.3)
-        ranking.append((score.loss, (a, b), score.mean))
+        return score.loss, score.mean
+
+    scores = forked_map(screened, best)
+    ranking = [(loss, pair, mean) for pair, (loss, mean) in zip(best, scores, strict=True)]
     return sorted(ranking, key=lambda f: f[0])
 
 
