@@ -8,10 +8,9 @@ import pickle
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -21,23 +20,32 @@ B = TypeVar("B")
 # call. Python's default, 5 ms, is five such calls.
 SWITCH_INTERVAL_S = 1e-4
 TOKEN_BYTES = 4  # of the number of a job in a pipe
-MAX_JOBS = 4096  # their numbers fill a quarter of what a pipe holds
+MAX_JOBS = 1024  # their numbers fill a page, the smallest pipe
 _lock = threading.Lock()
 _before: list[float] = []  # switch interval to restore, one entry for each map in progress
 _in_processes = False  # whether a map in processes runs; maps inside it use one core
+_most_cores = sys.maxsize  # see ``limit_cores``
+
+
+def limit_cores(most: int) -> None:
+    """Let the maps of this process use at most so many cores."""
+    global _most_cores
+    _most_cores = most
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    """Number of cores that the maps of this process may use."""
+    there = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return min(there, _most_cores)
 
 
 def parallel_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """Apply ``function`` to every item, in one thread per core; results in the order of items.
 
-    For work of NumPy and compiled kernels, which release the interpreter lock.
+    For work of NumPy and compiled kernels, which release the interpreter lock. Inside a map in
+    processes, which uses all cores already, there are no further threads.
     """
-    if _in_processes:
+    if _in_processes or cores() == 1:
         return list(map(function, items))
     with _short_turns(), ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(function, items))
@@ -47,12 +55,14 @@ def forked_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     """Apply ``function`` to every item, in one process per core; results in the order of items.
 
     For work of the interpreter, of a tenth of a second at least. The other processes are forks of
-    this one and end with the map: what ``function`` changes is lost there, and only its results,
-    which must be picklable, come back. All work is done here where a fork may not be safe (in
-    threads but the main one, on systems but Linux), and inside another such map.
+    this one and end with the map: what ``function`` changes is lost there, and only its results
+    come back. What they do not send, as ``function`` raised, its result can't be pickled, or they
+    were killed, is done here.
+
+    All work is done here off the main thread, on systems but Linux, and inside another such map.
 
     Raises:
-        Exception: the first that ``function`` raised, by the order of items.
+        Exception: what ``function`` raised for an item.
     """
     global _in_processes
     every = list(items)
@@ -60,95 +70,94 @@ def forked_map(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
     main = threading.current_thread() is threading.main_thread() and sys.platform == "linux"
     if others < 1 or not main or _in_processes:
         return list(map(function, every))
-    jobs = min(len(every), MAX_JOBS)
+    work = _Work(function, every, min(len(every), MAX_JOBS))
     queue, tokens = os.pipe()
-    os.write(tokens, b"".join(job.to_bytes(TOKEN_BYTES, "little") for job in range(jobs)))
-    work = _Work(function, every, jobs, queue)
-    _in_processes = True
     children: list[tuple[int, int]] = []
+    _in_processes = True
     try:
-        for _ in range(others):
-            children.append(_forked(work, tokens))
-        os.close(tokens)
-        done = work.outcomes()
+        try:
+            os.write(tokens, b"".join(i.to_bytes(TOKEN_BYTES, "little") for i in range(work.jobs)))
+            for _ in range(others):
+                children.append(_forked(work, queue, tokens))
+        except OSError:
+            pass  # no more processes: those that there are do the work
+        finally:
+            os.close(tokens)
+        done = dict(work.done(queue))
         for _, results in children:
             done |= _received(results)
+        return [done[i] if i in done else function(item) for i, item in enumerate(every)]
     finally:
         _in_processes = False
         os.close(queue)
         for process, results in children:
             os.close(results)
-            os.kill(process, signal.SIGKILL)  # it has sent all, or this map was interrupted
-            os.waitpid(process, 0)
-    # What a process did not send, as it was killed, is done here.
-    outcomes = [done[i] if i in done else work.outcome(i) for i in range(len(every))]
-    for outcome in outcomes:
-        if isinstance(outcome, _Failure):
-            raise outcome.error
-    return [outcome for outcome in outcomes if not isinstance(outcome, _Failure)]
-
-
-class _Failure:
-    """An exception that a function raised for an item."""
-
-    def __init__(self, error: Exception) -> None:
-        self.error = error
+            with suppress(ProcessLookupError, ChildProcessError):
+                os.kill(process, signal.SIGKILL)  # it has sent all, or this map was interrupted
+                os.waitpid(process, 0)
 
 
 @dataclass(frozen=True)
 class _Work(Generic[A, B]):
-    """Items in jobs; a process takes a job by reading its number from the pipe ``queue``."""
+    """Items in jobs; a process takes a job by reading its number from a pipe."""
 
     function: Callable[[A], B]
     items: Sequence[A]
     jobs: int
-    queue: int
 
-    def outcomes(self) -> dict[int, B | _Failure]:
-        """Outcomes, by the number of the item, of the jobs that this process takes.
+    def done(self, queue: int) -> Iterator[tuple[int, B]]:
+        """Yield numbers and results of the items of the jobs that this process takes.
 
         A read takes one number or none, as pipes are read under a lock.
         """
-        done = {}
-        while token := os.read(self.queue, TOKEN_BYTES):
+        while token := os.read(queue, TOKEN_BYTES):
             for i in range(int.from_bytes(token, "little"), len(self.items), self.jobs):
-                done[i] = self.outcome(i)
+                yield i, self.function(self.items[i])
+
+    def done_for(self, parent: int, queue: int) -> dict[int, B]:
+        """Results in a process forked for it, while its parent lives; without what raised."""
+        done: dict[int, B] = {}
+        while os.getppid() == parent:
+            try:
+                for i, result in self.done(queue):
+                    done[i] = result
+                    if os.getppid() != parent:
+                        break
+                return done
+            except Exception:  # the parent does this job, and raises
+                continue
         return done
 
-    def outcome(self, i: int) -> B | _Failure:
-        """Result of the function for item i, or what it raised."""
-        try:
-            return self.function(self.items[i])
-        except Exception as error:
-            return _Failure(error)
 
-
-def _forked(work: _Work[A, B], tokens: int) -> tuple[int, int]:
-    """Fork a process that takes jobs; its id, and the pipe from which its outcomes come."""
+def _forked(work: _Work[A, B], queue: int, tokens: int) -> tuple[int, int]:
+    """Fork a process that takes jobs; its id, and the pipe from which its results come."""
     results, sent = os.pipe()
-    process = os.fork()
-    if process:
-        os.close(sent)
-        return process, results
+    here = os.getpid()
     try:
-        gc.freeze()  # a collection would write to, and so copy, all shared memory
-        os.close(tokens)
+        process = os.fork()
+        if os.getpid() != here:
+            gc.freeze()  # a collection would write to, and so copy, what it looks at
+            os.close(tokens)
+            os.close(results)
+            done = work.done_for(here, queue)
+            with os.fdopen(sent, "wb") as pipe:
+                pickle.dump(done, pipe, pickle.HIGHEST_PROTOCOL)
+    except OSError:
         os.close(results)
-        done = work.outcomes()
-        with os.fdopen(sent, "wb") as pipe:
-            pickle.dump(done, pipe, pickle.HIGHEST_PROTOCOL)
-    except Exception:
-        traceback.print_exc()
+        raise
     finally:
-        os._exit(0)
+        if os.getpid() != here:
+            os._exit(0)
+        os.close(sent)
+    return process, results
 
 
 def _received(results: int) -> dict[int, Any]:
-    """What a forked process sends; nothing if it was killed."""
+    """What a forked process sends; nothing if it was killed, or if that can't be unpickled."""
     with os.fdopen(os.dup(results), "rb") as pipe:
         try:
             return dict(pickle.load(pipe))
-        except (EOFError, pickle.UnpicklingError):
+        except Exception:
             return {}
 
 

@@ -72,7 +72,7 @@ class Grams(Protocol):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all entries are finite."""
+        """Whether the matrices, or the columns of which they are, are finite."""
 
 
 @dataclass(frozen=True)
@@ -255,6 +255,8 @@ def _whitened_products(N_N: Array, sd: Array, N_X: Array) -> Array:
         N_N, N_X: N'N (S, S) and N'X (S, k) of whitened columns.
         sd: (S,) prior standard deviations of the nuisances.
     """
+    if not len(sd):  # not every SciPy solves a system of none
+        return np.zeros((0, N_X.shape[1]))
     root = np.linalg.cholesky(N_N + np.diag(sd**-2.0))
     return np.asarray(solve_triangular(root, N_X, lower=True, check_finite=False))
 

@@ -11,6 +11,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from herringbone_sim.diagnosis.parallel import limit_cores
 from herringbone_sim.sweeps.cluster import cluster
 
 THREADS = (
@@ -53,12 +54,13 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
         return
     with _single_threads():
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _end_quietly) as processes:
+        with ProcessPoolExecutor(workers, context, _begin_worker) as processes:
             yield processes, workers
 
 
-def _end_quietly() -> None:
-    """Make a worker end on Ctrl-C without a traceback, and when its parent process ends."""
+def _begin_worker() -> None:
+    """Keep a worker to one core, and let it end with its parent and quietly on Ctrl-C."""
+    limit_cores(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
