@@ -20,10 +20,13 @@ from herringbone_sim import core
 from herringbone_sim.core.cache import compiled_from, forget_stale
 from herringbone_sim.core.packed import compiled, make_work
 from herringbone_sim.core.right_hand_side import right_hand_side
+from herringbone_sim.diagnosis.parallel import limit_cores
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks
 settings.register_profile("compiled", deadline=None)
 settings.load_profile("compiled")
+if "PYTEST_XDIST_WORKER" in os.environ:
+    limit_cores(1)  # each process of the tests has one
 
 
 # The kernel is compiled into functions of the tests too.
