@@ -146,9 +146,9 @@ def _with_interval(growth: Array, reach: float, rng: np.random.Generator) -> Exp
     """Exponent per step, the mean of the log growth, with its 90 % interval by a block bootstrap.
 
     Args:
-        growth: (n,) natural logarithm of the growth of the tangent vector in each step;
-            n >= ``BLOCKS``.
-        reach: passed on to ``Exponent.reach``.
+        growth: (n,) natural logarithm of the growth of the tangent vector from each point to the
+            next; n >= ``BLOCKS``.
+        reach: of the local fits, see ``Exponent.reach``.
         rng: draws the resamples.
     """
     # Blocks, because successive growth values are correlated.

@@ -132,7 +132,12 @@ def quiet_lines(near: Survey, share: StartShares) -> Lines:
 
 
 def error_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
-    """Lines on the mesh error [b_c] equivalent to error plus least control, for each target."""
+    """Lines on the mesh error [b_c] that acts as error and firm control together, per target.
+
+    Args:
+        amplitudes: over the control phase; those without a firm K are left out.
+        base: the gear.
+    """
     lines = []
     for target in TARGETS:
         gears = [

@@ -66,8 +66,8 @@ def run(
 ) -> int:
     """Diagnose a campaign: print residuals and verdict, write the files of the report to ``out``.
 
-    The gear of ``nominal`` gets the model ``full``, whatever model its file names. With ``rerun``
-    the result is also sent to the Rerun viewer.
+    The diagnosis uses the model ``full``, also if the file ``nominal`` names ``reduced``. With
+    ``rerun`` the result also goes to the Rerun viewer, or to a file that it can open.
 
     Returns:
         Exit code 0.

@@ -289,7 +289,10 @@ def residual_without_nuisance(block: Block) -> Array:
 
 
 def shared_nuisances(block: Block) -> Array:
-    """Posterior mean (T,) of the shared nuisances of a block."""
+    """Posterior mean (T,) of the nuisance parameters that act on several rows of a block.
+
+    Those of single rows are marginalised; no effect is fitted.
+    """
     _, normal, right = _shared_equations(block)
     return np.asarray(np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right))
 

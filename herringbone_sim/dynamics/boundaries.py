@@ -118,9 +118,15 @@ def _merged(boundaries: list[Boundary]) -> list[Boundary]:
 def _along(
     curve: Curve, key: str, step: tuple[BranchPoint, BranchPoint], watch: Watch | None, index: int
 ) -> Iterator[Boundary]:
-    """Yield the boundaries at which the count ``key`` of ``signature`` changes within a step.
+    """Yield the boundaries between two orbits at which the count ``key`` changes.
 
-    The step leads from the orbit number ``index`` of a branch to the next.
+    Where two multipliers outside the unit circle only become real or complex there is none.
+
+    Args:
+        key: a name in ``signature``.
+        step: two successive orbits of a branch, or two between them.
+        watch: as in ``find_boundaries``; needed only if ``key`` is a backlash edge.
+        index: number of the last orbit of the branch before the boundaries.
     """
 
     def count(point: BranchPoint) -> int:
@@ -137,7 +143,8 @@ def _along(
 def signature(point: BranchPoint, watch: Watch | None) -> Signature:
     """Count multipliers outside the unit circle by type, and crossings of backlash edges, by name.
 
-    Between two orbits whose counts differ lies a boundary. See ``find_boundaries`` for ``watch``.
+    Between two orbits whose counts differ lies a boundary, unless two real multipliers only became
+    complex or the reverse. See ``find_boundaries`` for ``watch``.
     """
     counts = {}
     for part in PARTS:

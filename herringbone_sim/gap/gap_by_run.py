@@ -130,14 +130,16 @@ def _blocks(
     noise: Array,
     offsets: Array | None,
 ) -> list[Block | None]:
-    """Block of each run about an explanation, by its actual noise; None without the observation.
+    """Return the residual of each run from an explanation as a ``Block`` with the actual noise.
+
+    None for a run without the observation.
 
     Args:
-        machine: with the runs.
+        machine: of all runs.
         metric: name of the observation.
         fit: of the explanation; None: the nominal gear.
-        noise: (R,) actual over assumed noise of each row of the observation, or (1,) of all.
-        offsets: as in ``RowErrors``.
+        noise: (R,) actual over assumed noise of each row, or (1,) for all rows.
+        offsets: (R,) as ``RowErrors.offsets``.
     """
     extended, hypotheses = machine.transferred(() if fit is None else fit.hypotheses)
     fitted: Mapping[str, Mapping[str, Array]] = {}

@@ -130,7 +130,7 @@ def _setting(setting: Mapping[str, Any]) -> str:
 
 
 def _aim_part(bench: Bench) -> str:
-    """Return the section on the cases that the targets apply to, empty without such cases."""
+    """Return the section on the cases of ``aimed``, with targets and baselines; empty if none."""
     names = list(bench.rivals)
     inside = aimed(bench.cases)
     if not inside:

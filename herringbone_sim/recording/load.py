@@ -167,7 +167,7 @@ class _Loading:
         self._content += np.ascontiguousarray(rows).data.cast("B") if n else b""
 
     def _take_memory(self, size: int) -> None:
-        """Subtract bytes from the memory limit; RecordingError if it is exceeded."""
+        """Subtract bytes from what is left of the memory limit; RecordingError below zero."""
         self._left -= size
         if self._left < 0:
             raise RecordingError(

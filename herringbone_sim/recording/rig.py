@@ -238,7 +238,13 @@ def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
 def _label(
     plan: RigPlan, factors: dict[str, float], entries: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return the label of a campaign: its true effects, factors and operating points."""
+    """Return the label of a campaign: seed, noise, true effects, factors and operating points.
+
+    Args:
+        plan: settings of the campaign, with the true effects.
+        factors: parameter -> built over nominal value, from ``within_tolerance``.
+        entries: path, operating point and role of each run.
+    """
     return {
         "schema": SCHEMA,
         "seed": plan.seed,

@@ -217,7 +217,10 @@ class Scan:
             )
 
     def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
-        """Return (message,) of a message record; () if its channel is undefined."""
+        """Return (message,) of a message record; () if no channel record with its number was read.
+
+        The message is then counted in ``skipped``.
+        """
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         self._n_messages += 1
         topic = self.topics.get(channel)

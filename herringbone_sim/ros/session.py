@@ -260,7 +260,11 @@ class Session:
         self._write(delivery)
 
     def _open_for(self, delivery: Delivery) -> None:
-        """Open the file for a delivery: the current or next one, or the first of a new run."""
+        """Begin a new file if a delivery needs one.
+
+        The next file of the run if the present one has reached a limit; the first file of a new
+        run if the present one was lost.
+        """
         t_s = float(delivery.block.rows[0, 0])
         try:
             if not self._vanished and self._limits.reached(self._runs[-1], t_s):

@@ -255,7 +255,10 @@ def switch(w):
 
 @called
 def move_nonlinear(unrolled, w, neighbours, inverse, controlled):
-    """Advance every lane of gears with ``Packed.powers`` by a move, see ``lanes.packed``."""
+    """Advance every lane by one move, in place; forces may be powers, as ``Packed.powers`` tells.
+
+    ``lanes.packed`` explains moves and arguments.
+    """
     stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)
     touch(unrolled, w)

@@ -31,7 +31,7 @@ from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 
-# Rows of the constants (rows, n_mesh, LANES); by mesh, side or coordinate as in ``Packed``.
+# Rows of the constants (rows, entries, LANES); by mesh, half or coordinate, see ``constants``.
 STIFFNESS, DAMPING, BORDER, E_MEAN = 0, 1, 2, 3
 SUN, PLANET, CARRIER = 4, 5, 6  # inverse masses times the planets and halves they stand for
 LOAD_Q, LOAD_R, CONTROL_Q, CONTROL_R = 7, 8, 9, 10
@@ -221,10 +221,15 @@ def sizes_of(models: Sequence[Model], added: int) -> Sizes:
 
 
 def constants(models: Sequence[Model], sides: int, sizes: Sizes) -> Array:
-    """Return the constants (n_models, rows, entries) of models of one layout, of one half or both.
+    """Return a table (n_models, rows, entries) of the constants of models of one layout.
 
-    The meaning of the rows is at the top of this module; a row has an entry for each mesh and
-    seat, or for each coordinate.
+    The top of this module names the rows. The entries of a row are by mesh and seat, by half, by
+    planet or by coordinate, as the row requires; entries behind them are 0. A single value stands
+    in the entry of every mesh.
+
+    Args:
+        sides: number of halves that are integrated, 1 or 2.
+        sizes: from ``sizes_of``.
     """
     loads = HARMONICS + ROWS_A_HARMONIC * sizes.harmonics
     events = loads + ROWS_A_LOAD * sizes.loads

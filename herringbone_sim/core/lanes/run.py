@@ -292,7 +292,10 @@ def through_lanes(move, unrolled, w, neighbours, inverse, controlled, values, le
 
 @inlined
 def move_linear(unrolled, w, neighbours, inverse, controlled):
-    """Advance every lane of gears without ``Packed.powers`` by a move, see ``lanes.packed``."""
+    """Advance every lane by one move, in place; forces must be linear between switches.
+
+    ``lanes.packed`` explains moves and arguments; ``Packed.powers`` of all gears must be False.
+    """
     if len(unrolled[2]) > 0:
         stop_at_pitch(w)
     expand_excitation(w, inverse, controlled)

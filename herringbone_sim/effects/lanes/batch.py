@@ -23,11 +23,11 @@ class LaneStepper(LawStepper):
 
 
 class Found(NamedTuple):
-    """Results of n gears; s = size of a state, times in tau."""
+    """Results of ``run_batch`` for n gears; s = number of state variables, times in tau."""
 
     sections: Array  # (n, points, s) states at phase 0 of the last cycles, NaN if not reached
     end: Array  # (n, s) last state
-    growth: Array  # (n, cycles, tangents) logarithms of the tangents' growth in each cycle
+    growth: Array  # (n, cycles, tangents) log growth of the tangents per cycle, 0 if not reached
     contact: Array  # (n, n_mesh, 3) observed time in back contact, separated, drive contact
     failed: Flags  # (n,) whether the motion diverged
 

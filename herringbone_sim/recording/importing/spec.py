@@ -18,8 +18,8 @@ class ChannelSpec:
         name: name of the channel.
         column: name of its column in the file.
         unit: unit in the file.
-        gain: product of unit factor, scale and sign.
-        offset: offset, SI.
+        gain: factor of ``unit`` to SI, times ``scale`` and ``sign`` of the specification.
+        offset: added after the gain, in SI.
     """
 
     name: str

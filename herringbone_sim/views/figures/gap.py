@@ -102,7 +102,7 @@ def shares_figure(shares: Mapping[str, Mapping[str, float]]) -> Figure:
 
 
 def contact_figure(contact: Array) -> Figure:
-    """Draw the contact fractions (12, 3) of ``GapArrays.contact`` as a stacked bar per mesh."""
+    """Draw ``GapArrays.contact`` (12, 3): a stacked bar per mesh, fractions of time by contact."""
     figure = Figure(figsize=(9.6, 2.4))
     axes = figure.subplots()
     below = np.zeros(len(MESHES))

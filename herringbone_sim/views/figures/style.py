@@ -126,7 +126,7 @@ def save(
 
     Args:
         dpi: of the PNG file, and of what is rasterised in the SVG file.
-        style: Matplotlib rc parameters that the figure was drawn with.
+        style: Matplotlib rc parameters of the figure; some are read only when it is written.
     """
     paths = folder / f"{name}.png", folder / f"{name}.svg"
     with matplotlib.rc_context(style):
