@@ -39,7 +39,11 @@ class DivergenceError(HerringboneError, ArithmeticError):
 
 
 class _Short(reprlib.Repr):
-    """``repr`` of the first few items and characters of a value, fast however large it is."""
+    """``repr`` of the first few items and characters of a value.
+
+    Fast for large texts, bytes, numbers, lists and tuples. Keys of dicts and members of sets are
+    sorted first, and other types give their whole ``repr``.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -62,7 +66,7 @@ _SHORT = _Short()
 def shown(value: object) -> str:
     """Return the ``repr`` of a value for a message, in one line, cut at 120 characters.
 
-    Time and memory do not grow with the size of the value; it may contain itself.
+    The value may contain itself. Large values are cut before they become text, see ``_Short``.
     """
     text = _SHORT.repr(value)
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."

@@ -131,7 +131,10 @@ def _exponent(
 
 
 def _recorded_state(model: Model, section: Section) -> Any:
-    """First section point as a state of the model; its initial state for other meshes."""
+    """First section point as a state of the model.
+
+    The initial state of the model if the recorded meshes are not exactly those of the model.
+    """
     if section.meshes != model.layout.meshes:
         return initial_state(model)
     scales = model.scales

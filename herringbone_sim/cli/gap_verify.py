@@ -38,7 +38,10 @@ def run(
     report: Annotated[Folder, "folder that `gap` wrote"],
     out: Out,
 ) -> int:
-    """Measure the gap on further runs, print it, write verify.json and .html; exit code 0."""
+    """Measure what separates rig and models on further runs, and print it; exit code 0.
+
+    Writes ``verify.json`` and ``verify.html``. Nothing of the gear is fitted to these runs.
+    """
     earlier = read_report(report / "report.json")
     own, actives = load_gear(report / "augmented.yaml")
     gear = load_parameters(nominal).changed({"model": "full"})

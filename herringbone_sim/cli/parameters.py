@@ -35,10 +35,10 @@ def run(
 
 
 def check_file(file: Path) -> int:
-    """Print the gear that a node builds from a parameter file, and its warnings; exit code 0.
+    """Print the gear that a ROS node would build from a parameter file, with notes; exit code 0.
 
     Raises:
-        ParameterError: the file can't be read, or no model can be built from it.
+        ParameterError: the file can't be read, or no model can be built from it and its effects.
     """
     p, actives, warnings = gear_of_node(file)
     try:

@@ -284,9 +284,10 @@ def stepper(model: Model) -> Stepper:
 
 
 def carrier_row(model: Model) -> Array:
-    """Return the row (n_coordinate,) whose product with the displacements of y is u_c [b_c].
+    """Return the row (n_coordinate,) that gives the displacement u_c of the carrier.
 
-    u_c is that of the carrier without rigid rotation, see ``body_displacements``.
+    u_c is the row times the first n_coordinate entries of y, both in units of b_c; the rigid
+    rotation is removed as in ``body_displacements``.
     """
     m = model.layout.n_coordinate
     unit = np.eye(2 * m)[:m]

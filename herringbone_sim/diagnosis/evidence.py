@@ -85,7 +85,8 @@ class Evidence:
     def read(cls, data: Mapping[str, Any]) -> Evidence:
         """Restore evidence from the plain data of ``written``, also after a passage through JSON.
 
-        KeyError, TypeError or ValueError: a field is missing or of another type.
+        KeyError, TypeError or ValueError: a field is missing, or the data have another
+        structure. The types of a candidate's numbers are not checked.
         """
         candidates = tuple(
             Candidate(**{**c, "effects": tuple(c["effects"]), "places": tuple(c["places"])})

@@ -93,7 +93,7 @@ class Sensors:
         if not self._actives and not self._drift:
             self.before = block.rows[-HISTORY:]
             return block
-        count = self._count(block)
+        count = self._count()
         ahead = np.empty((0, block.rows.shape[1]))
         if count and not block.diverged:
             ahead = self._stepper.advance(_alone(block.end), count).rows
@@ -104,8 +104,8 @@ class Sensors:
             return block
         return replace(block, rows=self._distorted(rows)[first : first + len(block.rows)])
 
-    def _count(self, block: Block) -> int:
-        """Return the number of samples before and after a block on which its rows depend."""
+    def _count(self) -> int:
+        """Return the number of samples on each side of a block on which its rows depend."""
         if not self._reach_s:
             return 0
         p, s = self._stepper.model.parameters, self._stepper.model.scales

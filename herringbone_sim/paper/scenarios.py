@@ -40,11 +40,12 @@ class Scenario:
         figure: number in the paper, as ``Fig. 5``.
         parameter: swept parameter.
         low, high: ends of the sweep; the paper does not print those of scenarios C, D and E.
-        fixed: parameters that differ from Sec. 3.
+        fixed: parameters set at every value, whether or not they are those of section 3.
         says: statements of the paper about it, shortened.
-        windows: published motions, in order; where two printed numbers disagree there is a gap.
-        controlled: whether it belongs to section 4, whose xi is open.
-        has_exponents: whether the paper shows the largest exponent over it.
+        windows: motions along the sweep, in order, published or ``implied``. Gaps: where two
+            printed numbers disagree, and where the paper says nothing.
+        controlled: whether it belongs to section 4; the xi printed there does not fit its figures.
+        has_exponents: whether the paper shows the largest Lyapunov exponent over it.
     """
 
     key: str
@@ -64,11 +65,11 @@ class Scenario:
         return np.linspace(self.low, self.high, n)
 
     def parameters(self, reading: Parameters, value: float, xi: float) -> Parameters:
-        """Parameters at one value of the sweep.
+        """Parameters at one value of the sweep, with one sample a mesh cycle.
 
         Args:
             reading: parameters of section 3.
-            value: of the swept parameter.
+            value: value of the swept parameter.
             xi: damping ratio of section 4, used if the scenario is ``controlled``.
         """
         of_section = {"xi": xi} if self.controlled else {}

@@ -131,7 +131,10 @@ def read_json(file: Path) -> dict[str, Any]:
 
 
 def finished(folder: Path) -> dict[str, str]:
-    """Return the seals of the campaigns that have a report, by campaign name."""
+    """Return the seal (SHA-256 of the label) of each campaign that has a report, by its name.
+
+    A failed diagnosis has a report too.
+    """
     return {
         name: sealed
         for name, sealed in read_seals(folder).items()

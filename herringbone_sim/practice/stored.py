@@ -79,11 +79,12 @@ def stored_evidence(
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence, float]]:
     """Yield label, report, evidence and relative error of each finished campaign with evidence.
 
-    The relative error is the model error of sizes that the intervals of the report contain.
+    The relative error is the standard deviation of the model error, relative to a fitted size; the
+    intervals of the report include it (``case.json``).
 
     Raises:
-        RecordingError: a label was changed.
-        AnalysisError: ``case.json`` or ``evidence.json`` are of another version, or can't be read.
+        RecordingError: a label can't be read, or was changed after it was sealed.
+        AnalysisError: another file can't be read, or is of another version.
     """
     for name, sealed in finished(folder).items():
         record = read_json(folder / "reports" / name / "evidence.json")

@@ -169,17 +169,18 @@ def failure_report(rig: str, error: Exception) -> dict[str, Any]:
 
 @functools.cache
 def sources() -> str:
-    """Return a digest of all that a verdict depends on: diagnosis, weights, effects and model.
+    """Return a digest of the code and weights of the package on which a verdict depends.
 
     Computed once per process, as loaded modules do not change with their files.
     """
     package = Path(__file__).parents[1]
     files = sorted(
         file
-        for room in ("diagnosis", "gap")
+        for room in ("diagnosis", "gap", "recording")
         for end in ("py", "json", "yaml")
         for file in (package / room).rglob(f"*.{end}")
     )
+    files.append(package / "arrays.py")
     parts = [cache.digest(package / "core", package / "effects").encode()]
     parts += [hashlib.sha256(file.read_bytes()).digest() for file in files]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]

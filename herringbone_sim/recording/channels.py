@@ -37,7 +37,8 @@ class Channels:
 
     Attributes:
         content: the whole message as plain JSON with finite numbers.
-        source, model, version: program that recorded the run, its model and its version.
+        source: ``simulator``, or the name of the rig.
+        model, version: kind of model and version of this package, if the simulator recorded it.
         units: channel name -> unit; empty for a channel without one.
         parameters: values of the gear by name, with ``effects`` if it has any.
         state: state at the first sample; None if unknown.

@@ -60,7 +60,8 @@ class RunInfo:
         time_jump: index of the first sample that is not later than the one before; None if time
             increases throughout.
         parameters: parameters of the gear, as recorded.
-        source, model, version: program that recorded the run, its model and its version.
+        source: ``simulator``, or the name of the rig.
+        model, version: kind of model and version of this package, if the simulator recorded it.
         complete: whether every file exists and was finished.
         missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
         samples_counted: number of samples that the writer counted; None if not recorded.

@@ -68,9 +68,11 @@ def down(a):
 
 @inlined
 def stop_at_pitch(w):
-    """End the interval of each lane at the next multiple of half a mesh cycle, if it has friction.
+    """End the interval of each lane at the next half mesh cycle, if that comes first.
 
-    There the distance from the pitch point passes zero or jumps to the next pair of teeth.
+    Nothing is done without friction in any lane; with friction in one, all lanes stop. There the
+    distance from the pitch point passes zero or jumps to the next pair of teeth. Also sets
+    PITCH_START, PITCH_SIDE and INTERVAL_CYCLES.
     """
     if w.rubs.size > 0:
         left = load(w.progress, LEFT, 0)

@@ -174,7 +174,11 @@ def forget(w, lane):
 
 @inlined
 def begin_cycle(w, lane, now):
-    """Set a lane to mesh cycle ``now``: angles of control and all harmonics at its phase 0."""
+    """Begin mesh cycle ``now`` in a lane: set its number and the angles at mesh phase 0.
+
+    The angles of the control and of each harmonic [rad], whole turns removed. They are not zero
+    for an order that is no whole number.
+    """
     angle = angle_of(get(w.constants, CONTROL_ORDER, 0, lane), 0.0, now)
     put(w.progress, ANGLE, 0, lane, angle + get(w.constants, CONTROL_PHASE, 0, lane))
     put(w.progress, CYCLE, 0, lane, now)

@@ -235,7 +235,7 @@ def _thermal_backlash(gear: Gear) -> Iterator[Variant]:
 def _thermal_stiffness(gear: Gear) -> Iterator[Variant]:
     """Yield one variant: k falls by a fraction of itself per kelvin [1/K].
 
-    Departures: curvature over delta_T, and a further fall of the ring meshes.
+    Departures: curvature over delta_T; a further fall of the stiffness of ring meshes.
     """
     T, bend = _temperatures(gear)
     of = {"curvature": bend, "ring": T * is_ring(gear.model.layout)}

@@ -167,9 +167,10 @@ def slow_waves(times: Array) -> Array:
 
 
 def drift_spread(count: int) -> float:
-    """Standard deviation of each of ``count`` slow waves, over the noise of the channel.
+    """Prior standard deviation of the amplitude of each of ``count`` slow waves.
 
-    The variance of drift is spread evenly over the cosines, whose mean square is one half.
+    It is over that of the channel's noise. Drift has ``DRIFT_SHARE`` of the noise's RMS; its
+    variance is spread evenly over the cosines, whose mean square is one half.
     """
     return float(DRIFT_SHARE * np.sqrt(2.0 / count))
 

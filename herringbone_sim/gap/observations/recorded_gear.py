@@ -110,7 +110,7 @@ class RecordedGear:
 
     @cached_property
     def has_force_law(self) -> bool:
-        """Whether the force law is formed: F and x of at least one mesh are known in all runs.
+        """Whether the force law is an observation: a mesh has F and x known in all runs.
 
         Not if a recorded rotation lacks its mean (``means_known``).
         """

@@ -198,7 +198,14 @@ def _bands(x: Array, turn: float) -> Array:
 
 
 def _sections(states: Array, phase: Array) -> Array:
-    """Interpolate states (n, d) at ``SECTIONS`` phases of m mesh cycles, (SECTIONS, m, d)."""
+    """Interpolate states (n, d) at ``SECTIONS`` phases of each whole mesh cycle, linearly.
+
+    Args:
+        phase: (n,) mesh phase [rad], unwrapped, increasing.
+
+    Returns:
+        (SECTIONS, m, d) for the m whole cycles from the first phase 0 on.
+    """
     turns = phase / (2.0 * np.pi)
     cuts = []
     for part in range(SECTIONS):

@@ -52,7 +52,7 @@ def gap_arrays(
 def mean_over_phase(phase: Array, residual: Array) -> Array:
     """Average a residual (n, n_mesh) in BINS bins of the mesh phase (n,) [rad]: (BINS, n_mesh).
 
-    NaN in bins without samples.
+    NaN in bins without samples, and in bins of a mesh with a NaN among its samples.
     """
     place = np.floor(np.mod(phase / (2.0 * np.pi), 1.0) * BINS).astype(int) % BINS
     count = np.bincount(place, minlength=BINS)
