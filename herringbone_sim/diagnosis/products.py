@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.diagnosis.grams import DenseGrams, Grams, GramsOfColumns
 
 NO_OFFSET = 1e-6  # standard deviation over the noise that stands for zero; its inverse is used
 
@@ -59,80 +59,6 @@ class Block:
         """Columns (n, Q) of all functions in one row."""
         own = self.columns[:, row]
         return own if self.common_columns is None else np.hstack([own, self.common_columns])
-
-
-class Grams(Protocol):
-    """Gram matrices of the columns of each row."""
-
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        """Weights (p, k) on k functions on both sides of a row's matrix: (p, p)."""
-
-    def times(self, row: int, functions: Indices, weights: Array) -> Array:
-        """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether the matrices, or the columns of which they are, are finite."""
-
-
-@dataclass(frozen=True)
-class DenseGrams:
-    """Gram matrices with all entries: ``values`` (R, Q, Q)."""
-
-    values: Array
-
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        entries = self.values[row][np.ix_(functions, functions)]
-        return np.asarray(weights @ entries @ weights.T)
-
-    def times(self, row: int, functions: Indices, weights: Array) -> Array:
-        return np.asarray(weights @ self.values[row][functions])
-
-    @property
-    def is_finite(self) -> bool:
-        return bool(np.isfinite(self.values).all())
-
-
-@dataclass(frozen=True)
-class GramsOfColumns:
-    """Gram matrices of columns most of which all rows share, computed where asked.
-
-    Such columns may be more than there are samples, their matrices larger than they are.
-
-    Attributes:
-        own: (R, Q - C, n) columns of each row.
-        common: (C, n) columns of all rows.
-        scale: (R,) factor on the products, which whitens them.
-        nuisance: (R, S, Q) products to subtract, as U'U with this U.
-    """
-
-    own: Array
-    common: Array
-    scale: Array
-    nuisance: Array
-
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        X = weights @ self._columns(row, functions)
-        U = weights @ self.nuisance[row][:, functions].T
-        return np.asarray(self.scale[row] * (X @ X.T) - U @ U.T)
-
-    def times(self, row: int, functions: Indices, weights: Array) -> Array:
-        X = self.scale[row] * (weights @ self._columns(row, functions))
-        U = weights @ self.nuisance[row][:, functions].T
-        every = np.hstack([X @ self.own[row].T, X @ self.common.T])
-        return np.asarray(every - U @ self.nuisance[row])
-
-    def _columns(self, row: int, functions: Indices) -> Array:
-        """Columns (k, n) of k functions in a row."""
-        first = self.own.shape[1]
-        if functions.size and functions.min() >= first:
-            return np.asarray(self.common[functions - first])
-        every = [self.own[row, q] if q < first else self.common[q - first] for q in functions]
-        return np.stack(every) if every else np.zeros((0, self.own.shape[2]))
-
-    @property
-    def is_finite(self) -> bool:
-        return bool(np.isfinite(self.own).all() and np.isfinite(self.common).all())
 
 
 @dataclass(frozen=True)

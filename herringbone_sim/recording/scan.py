@@ -217,10 +217,7 @@ class Scan:
             )
 
     def _message(self, body: memoryview) -> tuple[ScannedMessage] | tuple[()]:
-        """Return (message,) of a message record; () if no channel record with its number was read.
-
-        The message is then counted in ``skipped``.
-        """
+        """Return (message,) of a record; () if its channel was not read before it: one skipped."""
         channel, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
         self._n_messages += 1
         topic = self.topics.get(channel)

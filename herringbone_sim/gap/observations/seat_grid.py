@@ -202,9 +202,9 @@ class PartTrial:
 
     def best(self, seats: Sequence[Seat]) -> Seat:
         """Seat with the largest ``gain``; all are evaluated in parallel."""
-        for run in self._runs:  # kept for all seats
-            for effect, locus in dict.fromkeys((seat.effect, seat.locus) for seat in seats):
-                self._drive(run, effect, locus)
+        for run in self._runs:
+            for seat in seats:
+                self._drive(run, seat)  # kept for all seats of a place
         return seats[int(np.argmax(forked_map(self.gain, seats)))]
 
     def evaluated(self, seat: Seat) -> Seat:
@@ -213,9 +213,7 @@ class PartTrial:
         ``load`` is the largest over the runs used, ``measured_gain`` the ``gain`` at this load,
         scaled to all runs, and ``base_mean`` the refitted coefficients of the current fit.
         """
-        seat = replace(
-            seat, load=max(self._drive(run, seat.effect, seat.locus).load for run in self._runs)
-        )
+        seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._gain_with_threads(seat)
         known = followed + np.array([c.center for c in self._known])
@@ -235,11 +233,12 @@ class PartTrial:
         )
         return self.evaluated(seat.with_log_offsets(optimum.x))
 
-    def _drive(self, run: TrialRun, effect: str, locus: Locus) -> PartDrive:
-        """Meshes and forces that drive a part in a run, cached by effect, locus and run."""
-        key = effect, locus, run.number
+    def _drive(self, run: TrialRun, seat: Seat) -> PartDrive:
+        """Meshes and forces that drive the part in a run, cached by effect, locus and run."""
+        key = seat.effect, seat.locus, run.number
         if key not in self._drives:
-            self._drives[key] = PartDrive(self.gear.model, locus, effect, run.dense, run.between)
+            given = self.gear.model, seat.locus, seat.effect, run.dense, run.between
+            self._drives[key] = PartDrive(*given)
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
@@ -251,7 +250,7 @@ class PartTrial:
         at = np.flatnonzero(seat.locus.mask(gear.model.layout) > 0.0)
         m, change = select_meshes(run.strided, run.change, at)
         before = law(m, change)
-        drive = self._drive(run, seat.effect, seat.locus)
+        drive = self._drive(run, seat)
         reach = -gear.model.scales.cos_beta * drive.meshes_mask[:, at]
         (q,) = drive.motions([seat])[:, run.sample_index]
         ch = replace(change)

@@ -247,7 +247,7 @@ def nuisance_columns(s: Windows) -> tuple[Array, Array]:
     slow = np.column_stack([np.ones(W * samples), waves])
     # Drift slower than the windows is a constant in them, at most of its whole RMS.
     spread = np.append(DRIFT_SHARE, np.full(waves.shape[1], drift_spread(waves.shape[1])))
-    columns: list[Array] = []
+    by_channel: list[Array] = []
     sizes: list[float] = []
     for i, name in enumerate(s.channels.names):
         own = [slow]
@@ -256,10 +256,12 @@ def nuisance_columns(s: Windows) -> tuple[Array, Array]:
             turn = phase / cycles_per_shaft_turn(model)[name[2]]
             own.append(np.column_stack([np.cos(turn), np.sin(turn)]))
             sizes += [ENCODER_ERROR_RAD * model.scales.base_radius(name[2:])] * 2
-        of_channel = np.hstack(own)
-        in_rows = np.zeros((W * samples, k, of_channel.shape[1]))
-        in_rows[:, i] = s.weight[:, :, i].reshape(-1, 1) * of_channel
-        columns.append(in_rows.reshape(W * samples * k, -1))
-    ties = ((0, (W - 1) * STATES), (0, 0))
-    every = np.hstack([np.pad(np.hstack(columns), ties), s.trend_rows()])
+        by_channel.append(np.hstack(own) * s.weight[:, :, i].reshape(-1, 1))
+    trends = s.trend_rows()
+    every = np.zeros((len(trends), len(sizes) + trends.shape[1]))
+    every[:, len(sizes) :] = trends
+    of_channels, at = every[: s.weight.size].reshape(W * samples, k, -1), 0
+    for i, columns in enumerate(by_channel):
+        of_channels[:, i, at : at + columns.shape[1]] = columns
+        at += columns.shape[1]
     return every, np.append(sizes, s.trends.size)

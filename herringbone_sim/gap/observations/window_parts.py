@@ -100,7 +100,7 @@ class WindowPartTrial(PartTrial):
         model = self.gear.model
         run_trajectory = self.gear.trajectory_under(run.number, self._amplitudes)
         s, solution = run_trajectory.windows, run_trajectory.last_linearisation[0]
-        drive = self._drive(run, seat.effect, seat.locus)
+        drive = self._drive(run, seat)
         at = np.flatnonzero(drive.meshes_mask.any(axis=0))
         seats = [seat] if self._present is None else [seat, self._present]
         q, *before_it = drive.motions(seats)

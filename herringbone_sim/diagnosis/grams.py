@@ -1,0 +1,84 @@
+"""Gram matrices of the whitened columns of a block: all entries, or computed where asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from herringbone_sim.arrays import Array, Indices
+
+
+class Grams(Protocol):
+    """Gram matrices of the columns of each row."""
+
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        """Weights (p, k) on k functions on both sides of a row's matrix: (p, p)."""
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the matrices, or the columns of which they are, are finite."""
+
+
+@dataclass(frozen=True)
+class DenseGrams:
+    """Gram matrices with all entries: ``values`` (R, Q, Q)."""
+
+    values: Array
+
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        entries = self.values[row][np.ix_(functions, functions)]
+        return np.asarray(weights @ entries @ weights.T)
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        return np.asarray(weights @ self.values[row][functions])
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.values).all())
+
+
+@dataclass(frozen=True)
+class GramsOfColumns:
+    """Gram matrices of columns most of which all rows share, computed where asked.
+
+    Such columns may be more than there are samples, their matrices larger than they are.
+
+    Attributes:
+        own: (R, Q - C, n) columns of each row.
+        common: (C, n) columns of all rows.
+        scale: (R,) factor on the products, which whitens them.
+        nuisance: (R, S, Q) products to subtract, as U'U with this U.
+    """
+
+    own: Array
+    common: Array
+    scale: Array
+    nuisance: Array
+
+    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
+        X = weights @ self._columns(row, functions)
+        U = weights @ self.nuisance[row][:, functions].T
+        return np.asarray(self.scale[row] * (X @ X.T) - U @ U.T)
+
+    def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        X = self.scale[row] * (weights @ self._columns(row, functions))
+        U = weights @ self.nuisance[row][:, functions].T
+        every = np.hstack([X @ self.own[row].T, X @ self.common.T])
+        return np.asarray(every - U @ self.nuisance[row])
+
+    def _columns(self, row: int, functions: Indices) -> Array:
+        """Columns (k, n) of k functions in a row."""
+        first = self.own.shape[1]
+        if functions.size and functions.min() >= first:
+            return np.asarray(self.common[functions - first])
+        every = [self.own[row, q] if q < first else self.common[q - first] for q in functions]
+        return np.stack(every) if every else np.zeros((0, self.own.shape[2]))
+
+    @property
+    def is_finite(self) -> bool:
+        return bool(np.isfinite(self.own).all() and np.isfinite(self.common).all())
