@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,22 +203,20 @@ class PartTrial:
 
     def best(self, seats: Sequence[Seat]) -> Seat:
         """Seat with the largest ``gain``; all are evaluated in parallel."""
-        for run in self._runs:
-            for seat in seats:
-                self._drive(run, seat)  # kept for all seats of a place
+        for run, seat in product(self._runs, seats):
+            self._drive(run, seat)  # kept for all seats of a place
         return seats[int(np.argmax(forked_map(self.gain, seats)))]
 
     def evaluated(self, seat: Seat) -> Seat:
-        """Copy of a seat with ``load``, ``measured_gain`` and ``base_mean`` set.
+        """Copy of a seat with ``load``, the largest over the runs used, and what follows from it.
 
-        ``load`` is the largest over the runs used, ``measured_gain`` the ``gain`` at this load,
-        scaled to all runs, and ``base_mean`` the refitted coefficients of the current fit.
+        ``measured_gain`` is the ``gain`` of all runs, ``base_mean`` the refitted coefficients.
         """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
-        looked_at = len(self._runs) / len(self.gear.runs)
         fall, followed = self._gain_with_threads(seat)
         known = followed + np.array([c.center for c in self._known])
-        return replace(seat, measured_gain=fall / looked_at, base_mean=tuple(known.tolist()))
+        whole = fall * len(self.gear.runs) / len(self._runs)
+        return replace(seat, measured_gain=whole, base_mean=tuple(known.tolist()))
 
     def refined(self, seat: Seat) -> Seat:
         """Improve the parameters by a Nelder-Mead search over their logarithms; evaluated copy."""
@@ -237,8 +236,8 @@ class PartTrial:
         """Meshes and forces that drive the part in a run, cached by effect, locus and run."""
         key = seat.effect, seat.locus, run.number
         if key not in self._drives:
-            given = self.gear.model, seat.locus, seat.effect, run.dense, run.between
-            self._drives[key] = PartDrive(*given)
+            model, motion = self.gear.model, (run.dense, run.between)
+            self._drives[key] = PartDrive(model, seat.locus, seat.effect, *motion)
         return self._drives[key]
 
     def _rows(self, run: TrialRun, seat: Seat) -> Iterator[RowChange]:
@@ -290,14 +289,12 @@ class PartTrial:
         key = run.number, o, row
         if key not in self._columns:
             block = run.blocks[o]
-            at = {f: i for i, f in enumerate(block.functions)}
-            of_row = block.columns_of(row)
+            of_functions = dict(zip(block.functions, block.columns_of(row).T, strict=True))
             columns = np.zeros((len(block.residual), len(self._known)))
             for i, c in enumerate(self._known):
-                part = c.placements.get(o)
-                for entry_row, f, w in part.entries if part is not None else ():
+                for entry_row, f, w in c.placements[o].entries if o in c.placements else ():
                     if entry_row == row:
-                        columns[:, i] += w[run.number] * of_row[:, at[f]]
+                        columns[:, i] += w[run.number] * of_functions[f]
             weight = np.sqrt(block.independent_share) / block.sigma[:, row]
             self._columns[key] = columns * weight[:, None]
         return self._columns[key]
