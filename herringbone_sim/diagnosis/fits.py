@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.score import Score
@@ -96,38 +97,39 @@ def rank(
     machine, proposed = search.machine.proposals(fitted_amplitudes, known)
     search = search.onwards(machine, base_fit)
     gains = forked_map(lambda hypothesis: search.quick(hypothesis.coefficients), catalogue)
-    quick = sorted((gain, i) for i, gain in enumerate(gains))
     chosen: list[Hypothesis] = []
     per: dict[str, int] = {}
-    for _, i in quick:
+    for i in np.argsort(gains, kind="stable"):
         hypothesis = catalogue[i]
-        if (
-            per.get(hypothesis.effect, 0) < MAX_SCREENED_PER_EFFECT
-            or not hypothesis.vanishes_at_zero
-        ):
+        few = per.get(hypothesis.effect, 0) < MAX_SCREENED_PER_EFFECT
+        if few or not hypothesis.vanishes_at_zero:
             per[hypothesis.effect] = per.get(hypothesis.effect, 0) + 1
             chosen.append(hypothesis)
     ranking: Ranking = []
     every = (*chosen, *proposed)
-
-    def screened(hypothesis: Hypothesis) -> tuple[float, Array]:
-        score = search.screened(hypothesis.coefficients, 0.3)
-        return score.loss, score.mean
-
-    for hypothesis, (loss, start) in zip(every, forked_map(screened, every), strict=True):
+    scores = screened(search, [hypothesis.coefficients for hypothesis in every])
+    for hypothesis, (loss, start) in zip(every, scores, strict=True):
         if hypothesis.measured_gain is not None:
             loss = search.null.loss - hypothesis.measured_gain
             start = np.array([*hypothesis.base_mean, *(c.center for c in hypothesis.coefficients)])
         ranking.append((loss, hypothesis, start))
     ranking.sort(key=lambda f: f[0])
     if ranking and ranking[0][0] > NONLINEAR_CHI2 * search.null.count:
-        tried = search.machine.nonlinear_trials(
-            [(hypothesis, start) for _, hypothesis, start in ranking], search.null
-        )
+        given = [(hypothesis, start) for _, hypothesis, start in ranking]
+        tried = search.machine.nonlinear_trials(given, search.null)
         known_better = {id(hypothesis) for _, hypothesis, _ in tried}
-        others = [f for f in ranking if id(f[1]) not in known_better]
-        ranking = [*tried, *others]
+        ranking = [*tried, *(f for f in ranking if id(f[1]) not in known_better)]
     return search, ranking
+
+
+def screened(search: Search, sets: Sequence[Sequence[Coefficient]]) -> list[tuple[float, Array]]:
+    """Loss and mean (p,) of linear fits of sets of coefficients, see ``Search.screened``."""
+
+    def of_set(coefficients: Sequence[Coefficient]) -> tuple[float, Array]:
+        score = search.screened(coefficients, 0.3)
+        return score.loss, score.mean
+
+    return forked_map(of_set, sets)
 
 
 def fit_best(
@@ -211,16 +213,12 @@ def with_unscreened(
     if not fits:
         return ()
     best = min(fits, key=lambda f: f.loss)
-    best_hypothesis, n = best.hypotheses[0], len(search.base)
+    known, n = best.hypotheses[0], len(search.base)
     for _, hypothesis, start in ranked:
-        alike = (hypothesis.effect, hypothesis.locus) == (
-            best_hypothesis.effect,
-            best_hypothesis.locus,
-        )
-        if alike and hypothesis.law != best_hypothesis.law:
-            again = fit_effect(
-                search, hypothesis, np.concatenate([best.score.mean[:n], start[n:]])
-            )
+        alike = (hypothesis.effect, hypothesis.locus) == (known.effect, known.locus)
+        if alike and hypothesis.law != known.law:
+            start = np.concatenate([best.score.mean[:n], start[n:]])
+            again = fit_effect(search, hypothesis, start)
             before = next((f for f in fits if f.hypotheses[0] is hypothesis), again)
             fits = [f for f in fits if f is not before]
             fits.append(min(before, again, key=lambda f: f.loss))
