@@ -107,7 +107,7 @@ def rank(
             chosen.append(hypothesis)
     ranking: Ranking = []
     every = (*chosen, *proposed)
-    scores = screened(search, [hypothesis.coefficients for hypothesis in every])
+    scores = screen_all(search, [hypothesis.coefficients for hypothesis in every])
     for hypothesis, (loss, start) in zip(every, scores, strict=True):
         if hypothesis.measured_gain is not None:
             loss = search.null.loss - hypothesis.measured_gain
@@ -122,7 +122,7 @@ def rank(
     return search, ranking
 
 
-def screened(search: Search, sets: Sequence[Sequence[Coefficient]]) -> list[tuple[float, Array]]:
+def screen_all(search: Search, sets: Sequence[Sequence[Coefficient]]) -> list[tuple[float, Array]]:
     """Loss and mean (p,) of linear fits of sets of coefficients, see ``Search.screened``."""
 
     def of_set(coefficients: Sequence[Coefficient]) -> tuple[float, Array]:
@@ -213,10 +213,10 @@ def with_unscreened(
     if not fits:
         return ()
     best = min(fits, key=lambda f: f.loss)
-    known, n = best.hypotheses[0], len(search.base)
+    of_best, n = best.hypotheses[0], len(search.base)
     for _, hypothesis, start in ranked:
-        alike = (hypothesis.effect, hypothesis.locus) == (known.effect, known.locus)
-        if alike and hypothesis.law != known.law:
+        alike = (hypothesis.effect, hypothesis.locus) == (of_best.effect, of_best.locus)
+        if alike and hypothesis.law != of_best.law:
             start = np.concatenate([best.score.mean[:n], start[n:]])
             again = fit_effect(search, hypothesis, start)
             before = next((f for f in fits if f.hypotheses[0] is hypothesis), again)

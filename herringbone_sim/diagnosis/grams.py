@@ -46,13 +46,14 @@ class DenseGrams:
 class GramsOfColumns:
     """Gram matrices of columns most of which all rows share, computed where asked.
 
-    Such columns may be more than there are samples, their matrices larger than they are.
+    There may be more columns than samples; then they take less memory than their matrices.
 
     Attributes:
         own: (R, Q - C, n) columns of each row.
         common: (C, n) columns of all rows.
         scale: (R,) factor on the products, which whitens them.
-        nuisance: (R, S, Q) products to subtract, as U'U with this U.
+        nuisance: (R, S, Q) U of each row: U'U is what marginalising its nuisance parameters takes
+            from the matrix.
     """
 
     own: Array

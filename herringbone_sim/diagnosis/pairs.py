@@ -16,7 +16,7 @@ from herringbone_sim.diagnosis.fits import (
     fit_effect,
     fit_effects,
     rank,
-    screened,
+    screen_all,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.parallel import forked_map
@@ -42,7 +42,7 @@ def rank_jointly(search: Search, ranked: Ranking) -> PairRanking:
     every = [(a, b) for a, b in combinations(linear, 2) if a.effect != b.effect]
     gains = forked_map(lambda ab: search.quick((*ab[0].coefficients, *ab[1].coefficients)), every)
     best = [every[i] for i in np.argsort(gains, kind="stable")[:MAX_SCREENED_JOINTLY]]
-    scores = screened(search, [(*a.coefficients, *b.coefficients) for a, b in best])
+    scores = screen_all(search, [(*a.coefficients, *b.coefficients) for a, b in best])
     ranking = [(loss, pair, mean) for pair, (loss, mean) in zip(best, scores, strict=True)]
     return sorted(ranking, key=lambda f: f[0])
 

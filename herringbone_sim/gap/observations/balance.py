@@ -42,7 +42,8 @@ NAME = "torque_balance"
 QUADRATURE_NOISE = 0.04
 MASSES = ("M_s", "M_p", "M_c")
 RIPPLES = tuple(range(1, 61))  # orders of torque ripple, by turn of the input shaft; chosen
-TOGETHER = 32  # signals averaged at once, so few that they stay in the cache; chosen for run time
+# Signals averaged at once, so few that they stay in the cache; chosen for run time.
+AVERAGED_AT_ONCE = 32
 # Control at its phase, and a quarter of its period late.
 CONTROL = ("control", "control late")
 
@@ -251,7 +252,7 @@ def _columns(
     others = [n for n in names if n not in by_row]
     k, rows = parts[0][::stride].shape
     common = np.empty((len(others), k))
-    for i in range(0, len(others), TOGETHER):
-        some = np.stack([made[n]() for n in others[i : i + TOGETHER]])
-        common[i : i + TOGETHER] = window.averages(some, stride)
+    for i in range(0, len(others), AVERAGED_AT_ONCE):
+        some = np.stack([made[n]() for n in others[i : i + AVERAGED_AT_ONCE]])
+        common[i : i + AVERAGED_AT_ONCE] = window.averages(some, stride)
     return names, np.stack(own, axis=2) if own else np.zeros((k, rows, 0)), common.T

@@ -208,9 +208,9 @@ class PartTrial:
         return seats[int(np.argmax(forked_map(self.gain, seats)))]
 
     def evaluated(self, seat: Seat) -> Seat:
-        """Copy of a seat with ``load``, the largest over the runs used, and what follows from it.
+        """Copy of a seat with ``load``, the largest over the runs used, and its evaluation there.
 
-        ``measured_gain`` is the ``gain`` of all runs, ``base_mean`` the refitted coefficients.
+        That is ``measured_gain``, scaled to all runs, and ``base_mean``, the refitted coefficients.
         """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         fall, followed = self._gain_with_threads(seat)
