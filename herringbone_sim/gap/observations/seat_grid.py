@@ -210,7 +210,7 @@ class PartTrial:
     def evaluated(self, seat: Seat) -> Seat:
         """Copy of a seat with ``load``, the largest over the runs used, and its evaluation there.
 
-        That is ``measured_gain``, scaled to all runs, and ``base_mean``, the refitted coefficients.
+        It gives ``measured_gain``, scaled to all runs, and ``base_mean``, refitted coefficients.
         """
         seat = replace(seat, load=max(self._drive(run, seat).load for run in self._runs))
         fall, followed = self._gain_with_threads(seat)
