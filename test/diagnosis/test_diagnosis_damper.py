@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.diagnosis import examine as examining
+from herringbone_sim.diagnosis import parallel
 from herringbone_sim.diagnosis import search as searching
 from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examination, examine
@@ -54,6 +55,24 @@ def test_the_effect_leaves_least_and_is_named(effect: str) -> None:
     assert evidence_of(found).remains["single"] < 0.02 * gap
     name, p = most_probable(found)
     assert (name, p > 0.7) == ((effect,), True)
+
+
+def test_an_examination_in_processes_is_that_of_one_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Fits come back from forked processes with the coefficients that they were made with."""
+    for cores in (1, 2):
+        monkeypatch.setattr(parallel, "cores", lambda cores=cores: cores)
+        found = examine(Damper(simulate("presliding", SEED)))
+        of = {f.hypotheses[0].effect: f.score for f in found.singles}
+        if cores == 1:
+            alone = of
+    assert of.keys() == alone.keys()
+    for effect, score in of.items():
+        assert score.loss == alone[effect].loss
+        names = [c.name for c in score.coefficients]
+        assert names == [c.name for c in alone[effect].coefficients]
+        assert len(names) == len(score.mean)
 
 
 def test_nothing_is_found_where_nothing_is() -> None:

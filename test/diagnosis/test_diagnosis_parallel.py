@@ -109,3 +109,11 @@ parallel.forked_map(job, range(50))
     )
     assert len(ended.stdout) <= 2
     assert not ended.stderr
+
+
+def test_a_map_succeeds_where_the_system_reaps_the_processes() -> None:
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        assert forked_map(lambda i: i, range(8)) == list(range(8))
+    finally:
+        signal.signal(signal.SIGCHLD, before)
