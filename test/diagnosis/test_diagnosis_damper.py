@@ -75,6 +75,17 @@ def test_an_examination_in_processes_is_that_of_one_process(
         assert len(names) == len(score.mean)
 
 
+def test_fits_are_scored_again_with_other_noise() -> None:
+    """At twice the noise, a fit leaves a quarter of the chi2, but for what its priors ask."""
+    found = examined("cubic")
+    search, rows = Search(found.machine), found.machine.rows
+    twice = {o: np.full((search.runs, n), 2.0) for o, n in rows.items()}
+    _, none, singles = examining._with_noise(search, twice, found.none, found.singles[:2])
+    for now, before in zip((none, *singles), (found.none, *found.singles[:2]), strict=True):
+        assert now.effects == before.effects
+        assert now.score.in_sample == pytest.approx(0.25 * before.score.in_sample, rel=0.05)
+
+
 def test_nothing_is_found_where_nothing_is() -> None:
     found = examined("none")
     noise = np.sqrt(2.0 / found.count)  # of the mean of so many squares
