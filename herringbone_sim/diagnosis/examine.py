@@ -139,7 +139,7 @@ def examine(
     if machine.estimates_states:
         if not idle:
             singles = with_unscreened(search, ranked, singles)
-        again, *refitted = (fit_again(search, f) for f in (none, *singles))
+        again, *refitted = fit_again(search, (none, *singles))
         singles = tuple(sorted(refitted, key=lambda f: f.loss))
         if singles and _is_worth_seeking(none, singles[0], most):
             search, singles = with_better_part(search, singles, most)

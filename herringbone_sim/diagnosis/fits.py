@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import Coefficient
-from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
@@ -32,6 +33,7 @@ EQUIVALENT_SHARE, NEAR_SHARE = 0.01, 0.1
 NONLINEAR_CHI2 = 1.5
 SURE_SHARE = 0.5  # fraction of chi2 left below which an exchange of channels is no coincidence
 
+A = TypeVar("A")
 Ranking = list[tuple[float, Hypothesis, Array]]  # loss, hypothesis, start of its fit
 
 
@@ -164,21 +166,27 @@ def fit_best(
 def fit_effects(
     search: Search, starts: Sequence[tuple[Hypothesis, Array]]
 ) -> list[FittedExplanation]:
-    """Fit effects exactly, each alone from its start (p,); see ``fit_effect``.
-
-    Side by side, but where states are estimated: those of one fit are the start of the next.
-    """
-    if search.machine.estimates_states:
-        return [fit_effect(search, hypothesis, start) for hypothesis, start in starts]
-
-    def fitted(given: tuple[Hypothesis, Array]) -> Score:
-        """Score without coefficients, which are large and known here."""
-        return replace(fit_effect(search, *given).score, coefficients=())
-
+    """Fit effects exactly, side by side, each alone from its start (p,); see ``fit_effect``."""
+    fits = scores_apart(search, lambda own, given: fit_effect(own, *given).score, starts)
     return [
         FittedExplanation((h,), replace(score, coefficients=(*search.base, *h.coefficients)))
-        for (h, _), score in zip(starts, forked_map(fitted, starts), strict=True)
+        for (h, _), score in zip(starts, fits, strict=True)
     ]
+
+
+def scores_apart(
+    search: Search, score: Callable[[Search, A], Score], items: Sequence[A]
+) -> list[Score]:
+    """Scores of items side by side, without coefficients; see ``Machine.fitted_apart``.
+
+    Args:
+        score: score of an item, by a search; its coefficients are large and known here.
+    """
+
+    def by_machine(machine: Machine, item: A) -> Score:
+        return replace(score(search.with_machine(machine), item), coefficients=())
+
+    return search.machine.fitted_apart(by_machine, items)
 
 
 def fit_effect(search: Search, hypothesis: Hypothesis, start: Array) -> FittedExplanation:
@@ -205,11 +213,12 @@ def with_unscreened(
     best effect at its place, from the tolerances of that fit, unless its present fit is better.
     """
     effects = {f.hypotheses[0].effect for f in singles}
-    fits = list(singles)
+    unfitted: list[tuple[Hypothesis, Array]] = []
     for _, hypothesis, start in ranked:
         if hypothesis.effect not in effects and not hypothesis.is_linear:
             effects.add(hypothesis.effect)
-            fits.append(fit_effect(search, hypothesis, start))
+            unfitted.append((hypothesis, start))
+    fits = [*singles, *fit_effects(search, unfitted)]
     if not fits:
         return ()
     best = min(fits, key=lambda f: f.loss)
@@ -290,10 +299,21 @@ def fit_anew(search: Search, explanation: FittedExplanation) -> FittedExplanatio
     return explanation
 
 
-def fit_again(search: Search, explanation: FittedExplanation) -> FittedExplanation:
-    """Fit an explanation again from its solution; return the fit with the smaller loss.
+def fit_again(
+    search: Search, explanations: Sequence[FittedExplanation]
+) -> list[FittedExplanation]:
+    """Fit explanations again from their solutions; of each, return the fit with the smaller loss.
 
-    States of motion found since, under another explanation, may lead out of a wrong minimum.
+    States of motion found since, under another explanation, may lead out of a wrong minimum; those
+    explanations are fitted again whose states improve by that.
     """
-    again = replace(explanation, score=search.refitted(explanation.score))
-    return min(explanation, again, key=lambda f: f.loss)
+
+    def again(own: Search, explanation: FittedExplanation) -> Score:
+        known = explanation.score
+        at = amplitudes(known.coefficients, known.mean, own.runs, own.rows)
+        return own.refitted(known) if own.machine.states_improve(at) else known
+
+    pairs = zip(explanations, scores_apart(search, again, explanations), strict=True)
+    scores = [replace(score, coefficients=f.score.coefficients) for f, score in pairs]
+    fits = [replace(f, score=s) for f, s in zip(explanations, scores, strict=True)]
+    return [min(f, fit, key=lambda f: f.loss) for f, fit in zip(explanations, fits, strict=True)]

@@ -5,9 +5,9 @@ Amplitudes are the values at which functions act: observation -> function -> (ru
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 
+A = TypeVar("A")
+B = TypeVar("B")
 Amplitudes = Mapping[str, Mapping[str, Array]]
 
 
@@ -102,6 +104,18 @@ class Machine(Protocol):
     @property
     def estimates_states(self) -> bool:
         """Whether blocks contain unknown states of motion, fitted anew with every explanation."""
+
+    def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
+        """Apply ``fit`` to the machine and each of some items, side by side.
+
+        States fitted for one item are no starts of those for another, but of later ones.
+        """
+
+    def states_improve(self, amplitudes: Amplitudes) -> bool:
+        """Whether states fitted again at amplitudes leave less chi2, by more than chance.
+
+        False where states are not estimated.
+        """
 
     def with_more_values(self) -> Machine | None:
         """Copy that compares more values of its runs; None where no more can be used."""

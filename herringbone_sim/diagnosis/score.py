@@ -112,7 +112,7 @@ def compute_score(
     center = np.array([c.center for c in with_base])
     # Shift the origin from ``mean`` to the centre of the prior.
     off = center - (np.zeros(len(with_base)) if mean is None else mean)
-    chi2 = campaign.chi2 - _chi2_reduction(A, b, off)
+    chi2 = campaign.chi2 - chi2_reduction(A, b, off)
     b = b - A @ off
     resolved = np.finfo(float).eps * chi2 < ROUNDED
     prior, bound = np.array([c.sd for c in with_base]), np.array([c.bound for c in with_base])
@@ -134,7 +134,7 @@ def compute_score(
         density = float(left_out.log_density[resolved].sum())
     fit = left_out.whole
     left_out_chi2 = np.where(resolved, chi2 - left_out.fall, campaign.chi2)
-    in_sample = np.where(resolved, chi2 - _chi2_reduction(A, b, fit.mean), campaign.chi2)
+    in_sample = np.where(resolved, chi2 - chi2_reduction(A, b, fit.mean), campaign.chi2)
     at_zero = np.where(resolved, chi2, campaign.chi2)
     return Score(
         with_base,
@@ -170,7 +170,7 @@ def _effect_sizes(coefficients: Sequence[Coefficient], mean: Array) -> Array:
     return np.maximum(sizes, PRIOR_SCALES[0] ** 2)
 
 
-def _chi2_reduction(A: Array, b: Array, step: Array) -> Array:
+def chi2_reduction(A: Array, b: Array, step: Array) -> Array:
     """(runs,) decrease of the chi2 by a step (p,) of the coefficients, in the linear model."""
     fall: Array = 2.0 * b @ step - np.einsum("i,rij,j->r", step, A, step)
     return fall

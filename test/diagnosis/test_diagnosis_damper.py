@@ -280,14 +280,19 @@ def test_a_first_effect_that_is_fitted_again_takes_its_own_place(
     assert sum(f.hypotheses == (first,) for f in found.singles) == 1
 
 
-def test_an_explanation_is_fitted_again_where_that_leaves_less() -> None:
+def test_an_explanation_is_fitted_again_where_states_improve_and_that_leaves_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     search = Search(Damper(simulate("none", SEED)))
     stuck, lucky = (
         FittedExplanation((), replace(search.null, chi2=share * search.null.chi2))
         for share in (1.1, 0.9)
     )
-    assert examining.fit_again(search, stuck).loss == pytest.approx(search.null.loss, rel=1e-3)
-    assert examining.fit_again(search, lucky) is lucky
+    assert examining.fit_again(search, [stuck, lucky]) == [stuck, lucky]
+    monkeypatch.setattr(Damper, "states_improve", lambda damper, made: True)
+    again, same = examining.fit_again(search, [stuck, lucky])
+    assert again.loss == pytest.approx(search.null.loss, rel=1e-3)
+    assert same is lucky
 
 
 def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,8 +329,8 @@ def test_where_little_is_left_more_values_are_used_and_densities_compared(
     whole, fit_again = simulate(effect, SEED), examining.fit_again
     repeated: list[FittedExplanation] = []
 
-    def counted(search: Search, found: FittedExplanation) -> FittedExplanation:
-        repeated.append(found)
+    def counted(search: Search, found: Sequence[FittedExplanation]) -> list[FittedExplanation]:
+        repeated.extend(found)
         return fit_again(search, found)
 
     monkeypatch.setattr(examining, "fit_again", counted)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,6 +31,25 @@ from herringbone_sim.diagnosis.pairs import (
 )
 
 
+@dataclass
+class Left:
+    """What the search needs of a score."""
+
+    loss: float
+    in_sample: float
+    mean: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    coefficients: tuple[Any, ...] = ()
+
+
+def with_fits(**known: Any) -> Any:
+    """A search with such attributes whose scores are exact, and whose fits are made in turn."""
+    machine = SimpleNamespace(fitted_apart=lambda fit, items: [fit(None, item) for item in items])
+    search = SimpleNamespace(base=(), settled=lambda score: score, machine=machine)
+    search.with_machine = lambda machine: search
+    search.__dict__.update(known)
+    return search
+
+
 def one(
     effect: str,
     law: str | None = None,
@@ -47,10 +66,9 @@ def screened(losses: list[tuple[Hypothesis, float]], fitted: int) -> list[Fitted
 
     def refined(coefficients: Any, start: np.ndarray) -> Any:
         loss = next(loss for h, loss in losses if h.coefficients is coefficients)
-        return SimpleNamespace(loss=loss, mean=start, in_sample=loss)
+        return Left(loss, loss, start)
 
-    null = SimpleNamespace(in_sample=np.inf)
-    search: Any = SimpleNamespace(base=(), refined=refined, settled=lambda score: score, null=null)
+    search = with_fits(refined=refined, null=SimpleNamespace(in_sample=np.inf))
     ranked = [(float(i), h, np.zeros(1)) for i, (h, _) in enumerate(losses)]
     before = [
         FittedExplanation((h,), refined(h.coefficients, np.zeros(1))) for h, _ in losses[:fitted]
@@ -97,13 +115,10 @@ def test_a_fit_that_was_made_is_not_made_again() -> None:
     """A fit of another hypothesis of the same effect does not stand for it."""
 
     def refined(coefficients: Any, start: np.ndarray) -> Any:
-        return SimpleNamespace(loss=5.0, mean=start, in_sample=5.0)
+        return Left(5.0, 5.0, start)
 
     null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
-    machine = SimpleNamespace(estimates_states=True)
-    search: Any = SimpleNamespace(
-        refined=refined, settled=lambda score: score, null=null, machine=machine
-    )
+    search = with_fits(refined=refined, null=null)
     here, there = one("stiffness"), one("stiffness", place="left")
     score: Any = SimpleNamespace(loss=7.0, in_sample=7.0)
     before = FittedExplanation((here,), score)
@@ -122,13 +137,10 @@ def test_a_fit_that_goes_astray_is_made_again_from_its_base() -> None:
 
     def refined(coefficients: Any, start: np.ndarray) -> Any:
         left = 30.0 if start[-1] else 4.0  # from a linear step too long, and from nothing
-        return SimpleNamespace(loss=left, mean=start, in_sample=left)
+        return Left(left, left, start)
 
     null = SimpleNamespace(in_sample=10.0, mean=np.zeros(2))
-    machine = SimpleNamespace(estimates_states=True)
-    search: Any = SimpleNamespace(
-        refined=refined, settled=lambda score: score, null=null, machine=machine
-    )
+    search = with_fits(refined=refined, null=null)
     (fit,) = fit_best(search, [(0.0, one("stiffness"), np.array([0.0, 0.0, 9.0]))], 1, 1)
     assert fit.loss == 4.0
 
@@ -141,17 +153,14 @@ def ranking_of(catalogue: list[Hypothesis], gains: dict[int, float]) -> Any:
 
     def score(coefficients: Any, *_: Any) -> Any:
         left = 100.0 - gains[id(coefficients)]
-        return SimpleNamespace(loss=left, mean=np.zeros(1), in_sample=left, coefficients=())
+        return Left(left, left)
 
     null = SimpleNamespace(
         coefficients=(), mean=np.zeros(0), count=100.0, loss=100.0, in_sample=100.0
     )
-    machine = SimpleNamespace(proposals=lambda made, known: (None, []), estimates_states=True)
-    search: Any = SimpleNamespace(
-        null=null, machine=machine, runs=1, rows={}, screened=score, refined=score, base=()
-    )
+    search = with_fits(null=null, runs=1, rows={}, screened=score, refined=score)
+    search.machine.proposals = lambda made, known: (None, [])
     search.quick = lambda coefficients: -gains[id(coefficients)]
-    search.settled = lambda score: score
     search.onwards = lambda machine, taken: search
     return search
 

@@ -170,7 +170,7 @@ def test_the_fits_of_a_run_restart_such_windows(
     monkeypatch.setattr(trajectory_module, "misses_much", lambda *fit: False)  # no new pass
     other = Trajectory(trajectory.run)
     assert other.nominal.cost == pytest.approx(shot.cost, rel=0.02)
-    other._solutions["same",] = stuck
+    other.memory.fits(("same",)).best = stuck.fitted
     again = other.fitted_states(("same",), lambda motion: LawChange(), {})
     assert again.cost == pytest.approx(shot.cost, rel=0.02)
 
@@ -193,10 +193,10 @@ def test_restarts_that_gain_nothing_are_not_repeated(gear: Gear) -> None:
     values[at, 0] += 30.0 / t.recorded.weight[5, 3, 0]
     spoiled = Trajectory(replace(run, u=replace(run.u, values=values)))
     assert misfits(spoiled.recorded, spoiled.nominal)[0] == (5, 5)
-    assert len(spoiled._failures) == 1
+    assert len(spoiled.memory.failures) == 1
     for i in range(MAX_FAILED + 1):
         spoiled.fitted_states((str(i),), lambda motion: LawChange(), {})
-    assert len(spoiled._failures) == MAX_FAILED
+    assert len(spoiled.memory.failures) == MAX_FAILED
 
 
 def test_steps_miss_no_more_than_is_counted_as_noise(

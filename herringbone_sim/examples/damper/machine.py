@@ -6,7 +6,7 @@ minus the gain of momentum; needs no force law, so of the effects only an error 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from scipy.special import ndtr
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
-from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
+from herringbone_sim.diagnosis.machine import A, Amplitudes, B, Hypothesis, Machine
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.examples.damper import effects
@@ -114,6 +115,14 @@ class Damper:
     @property
     def estimates_states(self) -> bool:
         """False: displacement and velocity are recorded."""
+        return False
+
+    def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
+        """Fits side by side in processes."""
+        return forked_map(lambda item: fit(self, item), items)
+
+    def states_improve(self, amplitudes: Amplitudes) -> bool:
+        """False: no states are estimated."""
         return False
 
     def with_more_values(self) -> None:

@@ -6,9 +6,9 @@ Over 300 lines: the observations share caches and copies of one object.
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.machine import Amplitudes
 from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
     balance,
@@ -34,6 +35,8 @@ from herringbone_sim.gap.observations.recorded_gear import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
+from herringbone_sim.gap.observations.state_memory import StateMemory
+from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 
 if TYPE_CHECKING:
@@ -66,7 +69,7 @@ class Gear(RecordedGear):
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
         self._part_amplitudes: Amplitudes = {}
         self._measured_balances: list[Block] = []  # shared by all copies
-        self.part_numbers = count()
+        self.part_numbers = itertools.count()
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -119,6 +122,46 @@ class Gear(RecordedGear):
         }
         gear._formed = {}
         return gear
+
+    def with_own_states(self) -> Gear:
+        """Copy that keeps the states which it fits from this gear, see ``learn_states``."""
+        gear = copy.copy(self)
+        gear._trajectories = {r: t.with_own_memory() for r, t in self._trajectories.items()}
+        gear._swapped_trajectories = {
+            swap: t.with_own_memory() for swap, t in self._swapped_trajectories.items()
+        }
+        gear._formed = {}
+        return gear
+
+    def states_since(self, before: Gear) -> StatesOfRuns:
+        """Memories of what was fitted since this gear was copied by ``with_own_states``."""
+        return {
+            name: t.memory.since(before._windows_by_name[name].memory)
+            for name, t in self._windows_by_name.items()
+            if name in before._windows_by_name
+        }
+
+    def learn_states(self, states: StatesOfRuns) -> None:
+        """Remember what a copy fitted, see ``states_since``."""
+        for name, memory in states.items():
+            self._windows_by_name[name].memory.add(memory)
+
+    @property
+    def _windows_by_name(self) -> dict[int | tuple[int, str], Trajectory]:
+        """Windows by number of the run, or by that and the swap that was undone."""
+        swapped = self._swapped_trajectories
+        return dict(itertools.chain(self._trajectories.items(), swapped.items()))
+
+    def states_improve(self, amplitudes: Amplitudes) -> bool:
+        """Whether states fitted again under a change leave less chi2, by more than chance."""
+
+        def gained(r: int) -> float:
+            known = self.trajectory_under(r, amplitudes).memory
+            before = known.fits(_functions_acting(r, amplitudes)).chi2
+            return before - self.states(r, amplitudes).cost
+
+        runs = [r for r in range(len(self.runs)) if self.has_windows_of(r)]
+        return sum(parallel_map(gained, runs)) > CHANCE_CHI2
 
     def with_windows(self, windows: int) -> Gear:
         """Copy with at most ``windows`` windows of a run, none of them fitted."""
@@ -412,4 +455,5 @@ def _functions_acting(r: int, amplitudes: Amplitudes) -> tuple[str, ...]:
     return tuple(sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])))
 
 
+StatesOfRuns = Mapping[int | tuple[int, str], StateMemory]
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))

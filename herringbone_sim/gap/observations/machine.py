@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
-from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
+from herringbone_sim.diagnosis.machine import A, Amplitudes, B, Hypothesis, Machine
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import amplitudes
@@ -28,7 +29,7 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
-from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.gear import Gear, StatesOfRuns
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.tolerances import tolerances
 from herringbone_sim.gap.observations.windows import MORE_WINDOWS, window_samples
@@ -178,6 +179,22 @@ class GearMachine:
     @property
     def estimates_states(self) -> bool:
         return self.gear.uses_windows
+
+    def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
+        """See ``Machine``; what was fitted is remembered when all are."""
+
+        def apart(item: A) -> tuple[B, StatesOfRuns]:
+            own = copy.copy(self)
+            own.gear = self.gear.with_own_states()
+            return fit(own, item), own.gear.states_since(self.gear)
+
+        fits = forked_map(apart, items)
+        for _, states in fits:
+            self.gear.learn_states(states)
+        return [result for result, _ in fits]
+
+    def states_improve(self, amplitudes: Amplitudes) -> bool:
+        return self.gear.states_improve(amplitudes)
 
     def with_more_values(self) -> GearMachine | None:
         """Machine with up to ``MORE_WINDOWS`` windows of a run; None where these are no more."""

@@ -30,7 +30,7 @@ FIT_TOLERANCE = 1e-3  # relative decrease of chi2 in a round below which the fit
 FINE_TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FittedStates:
     """Fitted states of W windows, as a start of another fit.
 

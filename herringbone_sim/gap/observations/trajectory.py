@@ -28,7 +28,6 @@ from herringbone_sim.gap.observations.regression_inputs import about_windows
 from herringbone_sim.gap.observations.rollout import STATES, Forcing
 from herringbone_sim.gap.observations.shooting import (
     FINE_TOLERANCE,
-    FittedStates,
     WindowSolution,
     evaluated,
     fitted_windows,
@@ -36,6 +35,7 @@ from herringbone_sim.gap.observations.shooting import (
     stacked_residual,
     window_jacobian,
 )
+from herringbone_sim.gap.observations.state_memory import Key, StateMemory
 from herringbone_sim.gap.observations.window_columns import (
     nuisance_columns,
     window_columns,
@@ -91,25 +91,18 @@ class Trajectory(ForcedWindows):
     ) -> None:
         super().__init__(run, windows=windows)
         self._exchanged = exchanged
-        self._solutions: dict[tuple[str, ...], FittedStates] = {}
-        self._restart_chi2: dict[tuple[str, ...], float] = {}
-        self._chi2: dict[tuple[str, ...], float] = {}
-        self._restarted_when_settled: set[tuple[str, ...]] = set()
+        self.memory = StateMemory()
         self._independent: float | None = None
-        self._least: FittedStates | None = None
         self._nominal_solution: WindowSolution | None = None
-        self._tried: dict[tuple[str, ...], float] = {}
-        self._failures: list[tuple[Group, float]] = []
-        self._anew: dict[tuple[str, ...], FittedStates] = {}
 
     def fitted_states(
         self,
-        key: tuple[str, ...],
+        key: Key,
         change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function] = (),
     ) -> WindowSolution:
-        """Fit states under a change of the law, from those fitted last for the same ``key``.
+        """Fit states under a change of the law, from the best fitted for the same ``key``.
 
         Other starts are tried against local minima: the states of least chi2 under any change
         without sensor errors; where chi2 is large, those of a new filter pass; and, where some
@@ -122,11 +115,12 @@ class Trajectory(ForcedWindows):
             on_carrier: functions on the carrier.
 
         Returns:
-            Fitted states, also cached for ``key``; ``nominal`` where they diverge.
+            Fitted states, also in ``memory`` for ``key``; ``nominal`` where they diverge.
         """
         forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
-        new = key not in self._solutions
-        begin = self._solutions.get(key, self.nominal)
+        known = self.memory.fits(key)
+        new = known.best is None
+        begin = known.best or self.nominal
         solution = fitted_windows(
             self.windows,
             begin.starts,
@@ -134,18 +128,18 @@ class Trajectory(ForcedWindows):
             ROUNDS_NEW if new else ROUNDS_AGAIN,
             begin.trends,
         )
-        better = self._least
+        better = self.memory.least
         if (
             better is not None
             and better.cost < solution.cost - CHANCE_CHI2
-            and self._tried.get(key) != better.cost
+            and known.tried_chi2 != better.cost
         ):
-            self._tried[key] = better.cost
+            known.tried_chi2 = better.cost
             other = fitted_windows(
                 self.windows, better.starts, forcing_at(better), ROUNDS_NEW, better.trends
             )
             solution = min(solution, other, key=lambda fit: fit.cost)
-        anew = self._anew.pop(key, None)
+        anew, known.anew = known.anew, None
         if anew is not None:
             other = fitted_windows(
                 self.windows, anew.starts, forcing_at(anew), ROUNDS_NEW, anew.trends
@@ -153,13 +147,12 @@ class Trajectory(ForcedWindows):
             if other.cost < solution.cost:
                 solution = other
                 # The change may be refused: let a later fit of the key try the old states again.
-                self._tried.pop(key, None)
-        before = self._restart_chi2.get(key, self.nominal.cost)
+                known.tried_chi2 = None
+        before = self.nominal.cost if known.restart_chi2 is None else known.restart_chi2
         far_off = misses_much(self.windows, solution)
-        settled = abs(self._chi2.get(key, np.inf) - solution.cost) < CHANCE_CHI2
-        at_rest = far_off and settled and key not in self._restarted_when_settled
-        if at_rest:
-            self._restarted_when_settled.add(key)
+        settled = abs(known.last_chi2 - solution.cost) < CHANCE_CHI2
+        at_rest = far_off and settled and not known.restarted_at_rest
+        known.restarted_at_rest |= at_rest
         another = (
             at_rest or solution.cost < RESTART_SHARE * before or (new and solution.cost > before)
         )
@@ -172,7 +165,7 @@ class Trajectory(ForcedWindows):
             )
             better_pass = other_pass is not None and other_pass.cost < near.cost
             solution = other_pass if other_pass is not None and better_pass else near
-            self._restart_chi2[key] = solution.cost
+            known.restart_chi2 = solution.cost
         if self._has_converged(solution):
             solution = self._without_misfits(self.windows, solution, forcing_at)
         if self._fine:
@@ -183,13 +176,12 @@ class Trajectory(ForcedWindows):
                 trends=solution.trends,
                 tolerance=FINE_TOLERANCE,
             )
+        known.last_chi2 = solution.cost
         if not self._has_converged(solution):
-            solution = self.nominal
-        fitted = solution.fitted
-        self._solutions[key], self._chi2[key] = fitted, solution.cost
-        comparable = self.windows is self.recorded
-        if comparable and (self._least is None or solution.cost < self._least.cost):
-            self._least = fitted
+            return self.nominal
+        known.keep(solution.fitted)
+        if self.windows is self.recorded:
+            self.memory.keep_least(solution.fitted)
         return solution
 
     def states_anew(
@@ -197,7 +189,7 @@ class Trajectory(ForcedWindows):
         change_of: Callable[[MeshMotion], LawChange],
         of_bodies: Mapping[str, float],
         on_carrier: Sequence[Function],
-        keys: Sequence[tuple[str, ...]] = (),
+        keys: Sequence[Key] = (),
     ) -> WindowSolution | None:
         """Fit states from those of a new filter pass under a change, see ``fitted_states``.
 
@@ -213,7 +205,8 @@ class Trajectory(ForcedWindows):
         with_lead = lead.in_step_forcing(change_of, of_bodies, on_carrier)
         solution = own._restarted(forcing, with_lead, self.nominal.trends)
         if solution is not None:
-            self._anew.update(dict.fromkeys(keys, solution.fitted))
+            for key in keys:
+                self.memory.fits(key).anew = solution.fitted
         return solution
 
     @contextmanager
@@ -250,18 +243,19 @@ class Trajectory(ForcedWindows):
             return self
         other = copy.copy(self)
         other._nominal_solution = self.in_order(order)
-        at = _of_states(order)
-        other._solutions = {key: fit.reordered(at) for key, fit in self._solutions.items()}
-        other._restart_chi2, other._chi2 = dict(self._restart_chi2), dict(self._chi2)
-        other._restarted_when_settled = set(self._restarted_when_settled)
-        other._failures, other._least = list(self._failures), None
-        other._tried, other._anew = {}, {}
+        other.memory = self.memory.reordered(_of_states(order))
+        return other
+
+    def with_own_memory(self) -> Trajectory:
+        """Copy that keeps the states which it fits from this one."""
+        other = copy.copy(self)
+        other.memory = self.memory.copy()
         return other
 
     @property
     def is_fitted(self) -> bool:
         """Whether states were fitted under any change of the law."""
-        return bool(self._solutions)
+        return bool(self.memory.of_key)
 
     def _without_misfits(
         self, s: Windows, solution: WindowSolution, forcing_at: Callable[[WindowSolution], Forcing]
@@ -277,7 +271,7 @@ class Trajectory(ForcedWindows):
             now = evaluated(s, solution.starts, forcing_at(solution), solution.trends)
             anew = restarted(s, now, groups[0], self._failed(groups[0], solution))
             if anew is None:
-                self._failures.append((groups[0], solution.cost))
+                self.memory.failures.append((groups[0], solution.cost))
                 return solution
             solution = anew
         return solution
@@ -288,7 +282,7 @@ class Trajectory(ForcedWindows):
             g.first <= group.last
             and group.first <= g.last
             and RESTART_SHARE * cost < solution.cost < cost / RESTART_SHARE
-            for g, cost in self._failures
+            for g, cost in self.memory.failures
         )
 
     def _has_converged(self, solution: WindowSolution) -> bool:
