@@ -1,4 +1,4 @@
-"""Executor of single-threaded processes on this machine, or a Dask cluster."""
+"""Executor of processes that share the cores of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from herringbone_sim.diagnosis.parallel import limit_cores
+from herringbone_sim.diagnosis.parallel import cores, limit_cores
 from herringbone_sim.sweeps.cluster import cluster
 
 THREADS = (
@@ -28,7 +28,7 @@ class Resources:
     """Where to compute.
 
     Attributes:
-        workers: processes on this machine, each with one thread.
+        workers: processes on this machine, which share its cores.
         scheduler: address of a Dask scheduler to run on instead; None for this machine.
     """
 
@@ -54,13 +54,14 @@ def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor,
         return
     with _single_threads():
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _begin_worker) as processes:
+        each = max(1, cores() // workers)
+        with ProcessPoolExecutor(workers, context, _begin_worker, (each,)) as processes:
             yield processes, workers
 
 
-def _begin_worker() -> None:
-    """Keep a worker to one core, and let it end with its parent and quietly on Ctrl-C."""
-    limit_cores(1)
+def _begin_worker(most: int) -> None:
+    """Keep a worker to so many cores, and let it end with its parent and quietly on Ctrl-C."""
+    limit_cores(most)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

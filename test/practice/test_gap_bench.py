@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
 import time
@@ -19,6 +20,7 @@ from test_practice_score import a_label, a_report
 from herringbone_sim.__main__ import main
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.judge import HALF_90
+from herringbone_sim.diagnosis.parallel import cores
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
 from herringbone_sim.practice import bench, trial
 from herringbone_sim.practice.arrays import as_prepared
@@ -27,6 +29,7 @@ from herringbone_sim.practice.bench import name_of, read_seals, run_bench
 from herringbone_sim.practice.campaign import run_plan
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.outcome import RELATIVE_ERROR, outcome
+from herringbone_sim.practice.pool import pool
 from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.stored import read_bench, stored_evidence
 from herringbone_sim.practice.table import (
@@ -359,6 +362,14 @@ def test_rivals_name_what_their_rule_says():
     quiet = replace(GAP, candidates=(candidate(1010.0), *GAP.candidates[1:]), screened={})
     assert {r["verdict"] for r in rivals("rig", quiet).values()} == {"none"}
     assert {r["verdict"] for r in rivals("rig", None).values()} == {"none"}
+
+
+def test_workers_share_the_cores_of_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("herringbone_sim.practice.pool.cores", lambda: 6)
+    for workers, each in ((2, 3), (4, 1), (8, 1)):
+        with pool(workers) as (executor, _):
+            here = len(os.sched_getaffinity(0))
+            assert executor.submit(cores).result() == min(here, each)
 
 
 ORPHAN = """
