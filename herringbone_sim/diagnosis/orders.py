@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
-from herringbone_sim.diagnosis.coefficients import Coefficient
+from herringbone_sim.diagnosis.coefficients import Coefficient, functions_used
 from herringbone_sim.diagnosis.fits import (
     NEAR_SHARE,
     FittedExplanation,
@@ -155,7 +155,14 @@ def _best_orders(
     Returns:
         ``gain``, ``orders`` and ``mean`` of ``Ordered``.
     """
-    each = [search.campaign.normal_equations(renamed(coefficients, r)) for r in renamings]
+    used = [f for names in functions_used(coefficients).values() for f in names]
+    images = [tuple(renaming.get(f, f) for f in used) for renaming in renamings]
+    unlike = dict(zip(images, renamings, strict=True))  # orders that differ for this effect
+    of_image = {
+        image: search.campaign.normal_equations(renamed(coefficients, renaming))
+        for image, renaming in unlike.items()
+    }
+    each = [of_image[image] for image in images]
     A, b = (np.stack(parts) for parts in zip(*each, strict=True))  # (orders, runs, p, p)
     prior = np.diag([c.sd**-2.0 for c in (*search.base, *coefficients)])
     runs = np.arange(A.shape[1])

@@ -19,6 +19,7 @@ from herringbone_sim.gap.data.rotations import (
 from herringbone_sim.gap.observations import trajectory as trajectory_module
 from herringbone_sim.gap.observations import window_starts, windows
 from herringbone_sim.gap.observations.body_motion import static_rotations
+from herringbone_sim.gap.observations.changes import NO_LAW
 from herringbone_sim.gap.observations.friction import OF_COULOMB
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
@@ -312,9 +313,25 @@ def test_columns_of_bodies_are_differences(
 ) -> None:
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
-    pushes = [(push, step) for push in body_forces(trajectory.run, m, law(m), [name])]
+    pushes = [(push, step) for push in body_forces(trajectory.run, m, lambda: law(m), [name])]
     drive = trajectory.forcing(LawChange(), trajectory.masses({name: step}), pushes)
     check(trajectory, gear, shot, name, step, 0.01, drive)
+
+
+def test_functions_say_whether_they_depend_on_the_law(
+    gear: Gear, one: tuple[Trajectory, WindowSolution]
+) -> None:
+    """Without the law, those that say that they don't give what they give with it."""
+    m = one[0].motion(one[1].states_of_all, one[0].windows.phase[::2])
+    now, by_law = law(m, LawChange(kappa=0.1, b_plus=1e-6)), set()
+    for f in gear.law_functions:
+        if f.by_law:
+            by_law.add(f.name)
+            continue
+        for values in (f.values, f.rate):
+            if values is not None:
+                np.testing.assert_array_equal(values(m, NO_LAW), values(m, now))
+    assert {"kappa load 0", "gamma load 0", "gamma free", "F gain"} <= by_law
 
 
 def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolution]) -> None:
@@ -322,7 +339,7 @@ def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolut
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
     names = [f"friction {shape} of 1" for shape in OF_COULOMB]
-    pushes = body_forces(trajectory.run, m, law(m), names)
+    pushes = body_forces(trajectory.run, m, lambda: law(m), names)
     work = {p.name: p.size.mean() * (p.direction @ [2, 2, *[1] * 7]) for p in pushes}
     assert work[names[0]] == pytest.approx(0.0, abs=1e-9)  # no sliding at the pitch point
     assert work[names[1]] < -0.1

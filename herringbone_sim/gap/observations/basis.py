@@ -33,6 +33,7 @@ class Function:
         nonlinear: (motion, amplitudes (n_mesh,)) -> change of the slot and of its rate, where
             these are not proportional to the amplitudes; ``values`` is then the slope at zero.
         meshes: indices of the meshes that it acts on; None: all.
+        by_law: whether ``values`` or ``rate`` depend on the law, beside the motion.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Function:
     rate: Values | None = None
     nonlinear: Callable[[MeshMotion, Array], tuple[Array, Array]] | None = None
     meshes: tuple[int, ...] | None = None
+    by_law: bool = False
 
     def acts_on(self, mesh: int) -> bool:
         """Whether it acts on the mesh with this index."""
@@ -82,7 +84,7 @@ def load_hat_functions(slot: str, label: str) -> list[Function]:
         def values(_: MeshMotion, law: Law) -> Array:
             return hat(knots, i, np.log(np.maximum(np.abs(law.f), 1e-12)))
 
-        return Function(f"{label} {i}", slot, values)
+        return Function(f"{label} {i}", slot, values, by_law=True)
 
     return [made(i) for i in range(len(knots))]
 

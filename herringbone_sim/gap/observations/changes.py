@@ -22,6 +22,9 @@ STAGES: tuple[Callable[[Function], bool], ...] = (
     lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
     lambda f: f.slot == "extra_force",
 )
+# For functions that don't depend on the law.
+NOTHING = np.empty(0)
+NO_LAW = Law(NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING)
 
 
 class LawChanges:
@@ -71,7 +74,7 @@ class LawChanges:
         for stage in STAGES:
             chosen = [f for f in on if stage(f)]
             if chosen:
-                now = law(m, change)
+                now = law(m, change) if any(f.by_law for f in chosen) else NO_LAW
                 for f in chosen:
                     _add(change, f, m, now, amplitudes[f.name])
 

@@ -247,9 +247,16 @@ class Event:
         late: Array = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
 
+        last: list[tuple[MeshMotion, Array]] = []  # functions of an event follow one another
+
         def from_event(m: MeshMotion) -> Array:
+            for motion, cycles in last:
+                if motion is m:
+                    return cycles
             s = m.phase[:, None] / (2.0 * np.pi) - self.middle - late
-            return s - self.turn * np.floor(s / self.turn + 0.5)
+            cycles = s - self.turn * np.floor(s / self.turn + 0.5)
+            last[:] = [(m, cycles)]
+            return cycles
 
         def made(i: int) -> Function:
             def values(m: MeshMotion, _: Law) -> Array:

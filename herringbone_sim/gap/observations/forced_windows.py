@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -170,9 +170,10 @@ class ForcedWindows:
         def forcing_at(solution: WindowSolution | FittedStates) -> Forcing:
             m = self._motion_at_half_steps(solution)
             change = change_of(m)
+            now = cache(lambda: law(m, change))
             pushes = [
                 (push, of_bodies[push.name])
-                for push in body_forces(self.run, m, law(m, change), of_bodies, on_carrier)
+                for push in body_forces(self.run, m, now, of_bodies, on_carrier)
             ]
             return self.forcing(change, masses, pushes)
 

@@ -161,6 +161,7 @@ def _displacement(name: str) -> Function:
         "d",
         lambda _, law: law.displacements[name][0],
         lambda _, law: law.displacements[name][1],
+        by_law=True,
     )
 
 
@@ -172,7 +173,7 @@ def _on_carrier(model: Model, seat: Seat, label: str) -> Function:
         rate = law.displacements[label][1][:, at[0]] / -model.scales.cos_beta
         return np.asarray(-mass * np.gradient(rate, m.times))
 
-    return Function(f"{label} carrier", "body", values)
+    return Function(f"{label} carrier", "body", values, by_law=True)
 
 
 def pin_meshes(model: Model, locus: Locus) -> tuple[list[int], float]:

@@ -5,7 +5,7 @@ A force acts through the motion; gauges and accelerometers also measure it direc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +74,7 @@ class BodyForce:
 def body_forces(
     run: PreparedRun,
     m: MeshMotion,
-    now: Law,
+    now: Callable[[], Law],
     names: Iterable[str],
     on_carrier: Sequence[Function] = (),
 ) -> Iterator[BodyForce]:
@@ -82,7 +82,8 @@ def body_forces(
 
     Args:
         run: whose gear and control they are.
-        m, now: motion of the meshes, and the force law there.
+        m: motion of the meshes.
+        now: gives the force law there, where a function depends on it.
         names: ``friction SHAPE of MESH``: by a coefficient of friction of 1; ``ripple ORDER cos``
             or ``sin``: by 1 N m of input torque; ``CONTROL``: the nominal control; names of
             ``on_carrier``. Others are skipped.
@@ -104,8 +105,9 @@ def body_forces(
                 arms = friction_directions(model, np.ones(m.x.shape[1]))
                 step_rad = STEP_RAD * m.omega / model.scales.omega_n
                 shapes = friction_shapes(m.phase, step_rad)
-            spring = now.k[:, j] * now.f[:, j]
-            size = friction_of_mesh(g, shapes, now.force[:, j], spring)
+            there = now()
+            spring = there.k[:, j] * there.f[:, j]
+            size = friction_of_mesh(g, shapes, there.force[:, j], spring)
             yield BodyForce(name, arms.get(g, arms["sign"])[j], size)
         elif kind == "ripple":
             trig = np.cos if words[1] == "cos" else np.sin
@@ -114,7 +116,7 @@ def body_forces(
             late_rad = 0.5 * np.pi * balance.CONTROL.index(name)
             yield BodyForce(name, carrier, control_force(model, m.phase - run.delay_rad, late_rad))
         elif name in of_carrier:
-            yield BodyForce(name, carrier, of_carrier[name].values(m, now))
+            yield BodyForce(name, carrier, of_carrier[name].values(m, now()))
 
 
 def window_columns(
@@ -148,7 +150,7 @@ def window_columns(
 
     place = {name: i for i, name in enumerate(names)}
     on_carrier = [f for f in functions if f.slot == "body"]
-    for push in body_forces(s.run, m, now, names, on_carrier):
+    for push in body_forces(s.run, m, lambda: now, names, on_carrier):
         add(place[push.name], inverse * push.direction, push.size)
     for f in functions:
         meshes = [j for j in range(m.x.shape[1]) if f"{f.name} of {j}" in place]
@@ -166,12 +168,13 @@ def window_columns(
     rows = solution.residuals.size + solution.jumps.size
     columns = np.zeros((rows, Q))
     if at:
-        size = np.stack(sizes)[
-            :, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
-        ]
+        steps = s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)
+        size = np.stack(sizes, axis=1)[steps]
         response = responses(s, solution, np.stack(directions), size, np.stack(on_meshes))
-        for i, column in zip(at, response.T, strict=True):
-            columns[:, i] += column
+        own, first = np.unique(at, return_index=True)
+        columns[:, own] = response[:, first]
+        for p in sorted(set(range(len(at))) - set(first.tolist())):  # further bodies of a mass
+            columns[:, at[p]] += response[:, p]
     c, u = s.channels, solution.states_of_all[:, : STATES // 2]
     exact = u @ c.of_u.T + now.force @ c.of_F.T + (total * inverse) @ c.of_a.T
     for name, value in error_columns(s, solution, exact, place).items():
@@ -187,16 +190,16 @@ def responses(
     Args:
         solution: states about which the motion is linearised.
         direction: (P, 9) accelerations of the bodies per unit of ``size``.
-        size: (P, W, steps + 1) force [N] at every step.
+        size: (W, steps + 1, P) force [N] at every step.
         on_meshes: (P, n_mesh) 1 on the mesh whose force it is, as gauges measure it; else 0.
     """
     each, P = s.steps_per_sample, len(direction)
-    pushed = np.ascontiguousarray(size.transpose(1, 2, 0))
     at_once = s.channels.of_a @ direction.T + s.channels.of_F @ on_meshes.T
-    data = at_once * pushed[:, :-1:each, None, :] * s.weight[..., None]
+    data = at_once * size[:, :-1:each, None, :] * s.weight[..., None]
     end = np.empty((s.n_windows, STATES, P))
     way = np.ascontiguousarray(0.5 * s.h * direction.T)
     slope = np.ascontiguousarray(solution.slope)
+    pushed = np.ascontiguousarray(size)
     _respond(solution.step_tangents, way, pushed, slope, each, data, end)
     ties = end[:-1] / (s.scale[:, None] * s.jump_sd)
     return np.vstack([data.reshape(-1, P), ties.reshape(-1, P)])

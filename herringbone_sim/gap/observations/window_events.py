@@ -89,7 +89,7 @@ def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
     before = np.floor((cycles[:, 0] - HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
     last = np.ceil((cycles[:, -1] + HALF_CONTACT) * MIDDLES_PER_CYCLE).astype(int)
     near = np.arange(int((last - before).max()) + 1)
-    away = cycles[None] - (before[None, :, None] + near[:, None, None]) / MIDDLES_PER_CYCLE
+    away = cycles[..., None] - (before[:, None, None] + near) / MIDDLES_PER_CYCLE
     shape = contact_shape(away)
     M = len(s.G)
     clear = run_trajectory.last_elimination.clear
@@ -107,7 +107,7 @@ def contact_responses(run_trajectory: Trajectory, block: Block) -> Contacts:
                 s,
                 solution,
                 np.repeat(-s.inverse_masses * s.G[j : j + 1], len(near), axis=0),
-                shape * force[at, j],
+                shape * force[at, j][..., None],
                 np.repeat(np.eye(M)[j : j + 1], len(near), axis=0),
             )
             at_times = np.zeros((len(response), times))

@@ -126,7 +126,7 @@ class WindowPartTrial(PartTrial):
                 [directions, s.inverse_masses * np.eye(len(s.inverse_masses))[2]]
             )
             on_meshes = np.vstack([on_meshes, np.zeros(len(s.G))])
-        size = forces.T[:, s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)]
+        size = forces[s.first_half_step[:, None] // 2 + np.arange(s.steps_per_window + 1)]
         pushed = responses(s, solution, directions, size, on_meshes).sum(axis=1)
         block = run.blocks[trajectory.NAME]
         weight = np.sqrt(block.independent_share) / block.sigma[:, 0]
