@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -65,6 +65,24 @@ def functions_used(coefficients: Sequence[Coefficient]) -> dict[str, list[str]]:
         for o, placement in c.placements.items():
             by_observation.setdefault(o, {}).update(dict.fromkeys(placement.functions))
     return {o: list(names) for o, names in by_observation.items()}
+
+
+def amplitudes(
+    coefficients: Sequence[Coefficient], mean: Array, runs: int, rows: Mapping[str, int]
+) -> dict[str, dict[str, Array]]:
+    """Amplitudes (runs, rows) of the functions of p coefficients, by observation and function.
+
+    Args:
+        mean: (p,) values of the coefficients; (p, runs) where they differ between runs.
+    """
+    by_observation: dict[str, dict[str, Array]] = {}
+    for c, value in zip(coefficients, mean, strict=True):
+        for o, placement in c.placements.items():
+            by_function = by_observation.setdefault(o, {})
+            for row, f, w in placement.entries:
+                a = by_function.setdefault(f, np.zeros((runs, rows[o])))
+                a[:, row] += value * w
+    return by_observation
 
 
 class CampaignProducts:

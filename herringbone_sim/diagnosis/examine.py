@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.fits import (
     MAX_FITTED,
     MAX_FITTED_FAR,
@@ -23,15 +24,12 @@ from herringbone_sim.diagnosis.fits import (
     SURE_SHARE,
     FittedExplanation,
     Ranking,
-    fit_again,
     fit_best,
     fit_effect,
     near_best,
     rank,
     simplest_equivalent,
-    with_better_part,
-    with_fits_anew,
-    with_unscreened,
+    with_other_law,
 )
 from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
 from herringbone_sim.diagnosis.machine import Machine
@@ -50,10 +48,10 @@ from herringbone_sim.diagnosis.pairs import (
 )
 from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
+from herringbone_sim.diagnosis.refits import fit_again, with_better_part, with_fits_anew
 from herringbone_sim.diagnosis.search import (
     MIN_GAIN_PER_VALUE,
     Search,
-    amplitudes,
 )
 
 # Fraction of the gap that an effect must explain to be sought further; chosen for run time, below
@@ -135,12 +133,11 @@ def examine(
         quick = [entry for entry in ranked if entry[1].measured_gain is None]
         singles = fit_best(search, quick or ranked, MIN_FITTED, limits[1], fitted)
     else:
-        singles = fit_best(search, ranked, *limits, fitted)
+        singles = fit_best(search, ranked, *limits, fitted, machine.estimates_states)
     if machine.estimates_states:
         if not idle:
-            singles = with_unscreened(search, ranked, singles)
-        again, *refitted = fit_again(search, (none, *singles))
-        singles = tuple(sorted(refitted, key=lambda f: f.loss))
+            singles = with_other_law(search, ranked, singles)
+        again, singles = fit_again(search, none, singles)
         if singles and _is_worth_seeking(none, singles[0], most):
             search, singles = with_better_part(search, singles, most)
             singles = with_fits_anew(search, singles, most)

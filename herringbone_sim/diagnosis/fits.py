@@ -9,11 +9,11 @@ from typing import TypeVar
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.coefficients import Coefficient
+from herringbone_sim.diagnosis.coefficients import Coefficient, amplitudes
 from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search, amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 
 # Limits of the search, chosen for run time:
 MAX_SCREENED_PER_EFFECT = 6  # places of an effect scored linearly by leave-one-run-out
@@ -21,9 +21,6 @@ MAX_FITTED = 6  # single effects fitted exactly
 MAX_FITTED_PER_EFFECT = 2  # single effects fitted exactly with the same id
 # The same where even the best linear fit leaves too much, so that its order is a poor guide.
 MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR = 10, 4
-MAX_EFFECTS_ANEW = 2  # effects that are fitted from trials with new states
-MAX_ANEW = 2  # fits of an effect from trials with new states
-MAX_PART_SEARCHES = 3  # searches for better parameters of a moving part
 MIN_FITTED = 2  # single effects fitted where the gap is too small to explain
 # Decisions, chosen, not fitted:
 # Fractions of the gap by which explanations may differ and count as equal, and within which the
@@ -140,6 +137,7 @@ def fit_best(
     max_fits: int,
     per_effect: int,
     fitted: Sequence[FittedExplanation] = (),
+    nonlinear_too: bool = False,
 ) -> tuple[FittedExplanation, ...]:
     """Fit the best ranked hypotheses exactly: ``max_fits`` in all, ``per_effect`` of each effect.
 
@@ -147,6 +145,10 @@ def fit_best(
 
     Partly screened hypotheses of an effect are counted apart, as the part that the screen misses
     may be why they are ranked behind its others.
+
+    Args:
+        nonlinear_too: whether to fit the best place of every other nonlinear effect, too, as the
+            linear screen can't rank it.
     """
     made = {id(f.hypotheses[0]): f for f in fitted}
     chosen: list[tuple[Hypothesis, Array]] = []
@@ -158,6 +160,11 @@ def fit_best(
         if per.get(family, 0) < per_effect:
             per[family] = per.get(family, 0) + 1
             chosen.append((hypothesis, start))
+    effects = {hypothesis.effect for hypothesis, _ in chosen}
+    for _, hypothesis, start in ranked if nonlinear_too else ():
+        if hypothesis.effect not in effects and not hypothesis.is_linear:
+            effects.add(hypothesis.effect)
+            chosen.insert(0, (hypothesis, start))  # these fits are the longest
     known = [made[id(h)] for h, _ in chosen if id(h) in made]
     fits = fit_effects(search, [(h, start) for h, start in chosen if id(h) not in made])
     return tuple(sorted((*known, *fits), key=lambda f: f.loss))
@@ -204,23 +211,16 @@ def fit_effect(search: Search, hypothesis: Hypothesis, start: Array) -> FittedEx
     return FittedExplanation((hypothesis,), score)
 
 
-def with_unscreened(
+def with_other_law(
     search: Search, ranked: Ranking, singles: Sequence[FittedExplanation]
 ) -> tuple[FittedExplanation, ...]:
-    """Add fits of hypotheses that the linear screen can't rank; return all, best first.
+    """Add the fit of the other law of the best effect at its place; return all, best first.
 
-    These are the best place of each nonlinear effect that has no fit yet, and the other law of the
-    best effect at its place, from the tolerances of that fit, unless its present fit is better.
+    It starts from the tolerances of the best effect; its present fit is kept if that is better.
     """
-    effects = {f.hypotheses[0].effect for f in singles}
-    unfitted: list[tuple[Hypothesis, Array]] = []
-    for _, hypothesis, start in ranked:
-        if hypothesis.effect not in effects and not hypothesis.is_linear:
-            effects.add(hypothesis.effect)
-            unfitted.append((hypothesis, start))
-    fits = [*singles, *fit_effects(search, unfitted)]
-    if not fits:
+    if not singles:
         return ()
+    fits = list(singles)
     best = min(fits, key=lambda f: f.loss)
     of_best, n = best.hypotheses[0], len(search.base)
     for _, hypothesis, start in ranked:
@@ -232,88 +232,3 @@ def with_unscreened(
             fits = [f for f in fits if f is not before]
             fits.append(min(before, again, key=lambda f: f.loss))
     return tuple(sorted(fits, key=lambda f: f.loss))
-
-
-def with_better_part(
-    search: Search, singles: Sequence[FittedExplanation], most: float
-) -> tuple[Search, tuple[FittedExplanation, ...]]:
-    """Search better parameters of the best single effect if it is a moving part; fit it again.
-
-    Repeated while that gains and the fit leaves more than ``most``: each search is linear in the
-    states of the fit before it.
-
-    Returns:
-        Search with the functions of the better part, and the single effects, best first.
-    """
-    best, others = singles[0], singles[1:]
-    for _ in range(MAX_PART_SEARCHES):
-        (hypothesis,), score = best.hypotheses, best.score
-        at = amplitudes(score.coefficients, score.mean, search.runs, search.rows)
-        machine, better = search.machine.improved(hypothesis, at, score)
-        if not better:
-            break
-        extended = search.with_machine(machine)
-        fits = []
-        for other in better:
-            centers = [c.center for c in other.coefficients]
-            start = np.concatenate([other.base_mean, centers])
-            fits.append(fit_effect(extended, other, start))
-        fit = min(fits, key=lambda f: f.loss)
-        gained = best.loss - fit.loss
-        if gained > CHANCE_CHI2:
-            search, best = extended, fit
-        too_much = best.score.in_sample - most
-        if too_much <= 0.0 or gained < max(CHANCE_CHI2, NEAR_SHARE * too_much):
-            break
-    return search, tuple(sorted((best, *others), key=lambda f: f.loss))
-
-
-def with_fits_anew(
-    search: Search, singles: Sequence[FittedExplanation], most: float
-) -> tuple[FittedExplanation, ...]:
-    """Fit the best ``MAX_EFFECTS_ANEW`` effects anew, until one leaves at most ``most`` chi2."""
-    fits = list(singles)
-    effects: set[str] = set()
-    for i, f in enumerate(singles):
-        effect = f.hypotheses[0].effect
-        if effect in effects or f.hypotheses[0].source is not None:
-            continue
-        effects.add(effect)
-        fits[i] = fit_anew(search, f)
-        if fits[i].score.in_sample <= most or len(effects) == MAX_EFFECTS_ANEW:
-            break
-    return tuple(sorted(fits, key=lambda f: f.loss))
-
-
-def fit_anew(search: Search, explanation: FittedExplanation) -> FittedExplanation:
-    """Fit a single effect again from the best of trials with new states, while that gains."""
-    (hypothesis,) = explanation.hypotheses
-    for _ in range(MAX_ANEW):
-        start = search.machine.tried_anew(hypothesis, explanation.score)
-        if start is None:
-            break
-        again = fit_effect(search, hypothesis, start)
-        if explanation.loss - again.loss < CHANCE_CHI2:
-            break
-        explanation = again
-    return explanation
-
-
-def fit_again(
-    search: Search, explanations: Sequence[FittedExplanation]
-) -> list[FittedExplanation]:
-    """Fit explanations again from their solutions; of each, return the fit with the smaller loss.
-
-    States of motion found since, under another explanation, may lead out of a wrong minimum; those
-    explanations are fitted again whose states improve by that.
-    """
-
-    def again(own: Search, explanation: FittedExplanation) -> Score:
-        known = explanation.score
-        at = amplitudes(known.coefficients, known.mean, own.runs, own.rows)
-        return own.refitted(known) if own.machine.states_improve(at) else known
-
-    pairs = zip(explanations, scores_apart(search, again, explanations), strict=True)
-    scores = [replace(score, coefficients=f.score.coefficients) for f, score in pairs]
-    fits = [replace(f, score=s) for f, s in zip(explanations, scores, strict=True)]
-    return [min(f, fit, key=lambda f: f.loss) for f, fit in zip(explanations, fits, strict=True)]

@@ -20,12 +20,12 @@ from herringbone_sim.diagnosis.coefficients import Coefficient, functions_used
 from herringbone_sim.diagnosis.fits import (
     NEAR_SHARE,
     FittedExplanation,
-    fit_anew,
     fit_effect,
     near_best,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis, Machine
 from herringbone_sim.diagnosis.parallel import forked_map
+from herringbone_sim.diagnosis.refits import fit_anew
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
 
 MAX_REFERENCES = 3  # runs from whose own fit the orders of all others are sought; for run time

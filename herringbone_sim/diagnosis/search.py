@@ -9,7 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient, functions_used
+from herringbone_sim.diagnosis.coefficients import (
+    CampaignProducts,
+    Coefficient,
+    amplitudes,
+    functions_used,
+)
 from herringbone_sim.diagnosis.machine import Amplitudes, Machine
 from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import (
@@ -37,24 +42,6 @@ MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
-
-
-def amplitudes(
-    coefficients: Sequence[Coefficient], mean: Array, runs: int, rows: Mapping[str, int]
-) -> dict[str, dict[str, Array]]:
-    """Amplitudes (runs, rows) of the functions of p coefficients, by observation and function.
-
-    Args:
-        mean: (p,) values of the coefficients; (p, runs) where they differ between runs.
-    """
-    by_observation: dict[str, dict[str, Array]] = {}
-    for c, value in zip(coefficients, mean, strict=True):
-        for o, placement in c.placements.items():
-            by_function = by_observation.setdefault(o, {})
-            for row, f, w in placement.entries:
-                a = by_function.setdefault(f, np.zeros((runs, rows[o])))
-                a[:, row] += value * w
-    return by_observation
 
 
 class Search:

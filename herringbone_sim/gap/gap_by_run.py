@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance, with_offsets
-from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.observations import force_law, trajectory

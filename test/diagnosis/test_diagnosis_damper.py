@@ -14,10 +14,12 @@ import pytest
 from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis import parallel
 from herringbone_sim.diagnosis import search as searching
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.refits import better_fits
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
@@ -288,9 +290,9 @@ def test_an_explanation_is_fitted_again_where_states_improve_and_that_leaves_les
         FittedExplanation((), replace(search.null, chi2=share * search.null.chi2))
         for share in (1.1, 0.9)
     )
-    assert examining.fit_again(search, [stuck, lucky]) == [stuck, lucky]
+    assert better_fits(search, [stuck, lucky]) == [stuck, lucky]
     monkeypatch.setattr(Damper, "states_improve", lambda damper, made: True)
-    again, same = examining.fit_again(search, [stuck, lucky])
+    again, same = better_fits(search, [stuck, lucky])
     assert again.loss == pytest.approx(search.null.loss, rel=1e-3)
     assert same is lucky
 
@@ -329,9 +331,9 @@ def test_where_little_is_left_more_values_are_used_and_densities_compared(
     whole, fit_again = simulate(effect, SEED), examining.fit_again
     repeated: list[FittedExplanation] = []
 
-    def counted(search: Search, found: Sequence[FittedExplanation]) -> list[FittedExplanation]:
-        repeated.extend(found)
-        return fit_again(search, found)
+    def counted(search: Search, none: FittedExplanation, found: Sequence[FittedExplanation]):
+        repeated.extend((none, *found))
+        return fit_again(search, none, found)
 
     monkeypatch.setattr(examining, "fit_again", counted)
     found = examine(Stated(whole, 3))

@@ -7,7 +7,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
+from herringbone_sim.diagnosis import refits
 from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.examine import WORTH_SEEKING, _first_of_pairs
 from herringbone_sim.diagnosis.fits import (
@@ -15,8 +17,7 @@ from herringbone_sim.diagnosis.fits import (
     FittedExplanation,
     fit_best,
     rank,
-    with_fits_anew,
-    with_unscreened,
+    with_other_law,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.pairs import (
@@ -29,6 +30,7 @@ from herringbone_sim.diagnosis.pairs import (
     with_each_alone,
     without_duplicates,
 )
+from herringbone_sim.diagnosis.refits import fit_again, with_fits_anew
 
 
 @dataclass
@@ -39,6 +41,7 @@ class Left:
     in_sample: float
     mean: np.ndarray = field(default_factory=lambda: np.zeros(1))
     coefficients: tuple[Any, ...] = ()
+    count: float = 0.0
 
 
 def with_fits(**known: Any) -> Any:
@@ -62,7 +65,7 @@ def one(
 
 
 def screened(losses: list[tuple[Hypothesis, float]], fitted: int) -> list[FittedExplanation]:
-    """Fits of those in a list after its first ``fitted``, all of which were fitted before."""
+    """Fits of those in a list, best first, the linear screen of which has its first fitted."""
 
     def refined(coefficients: Any, start: np.ndarray) -> Any:
         loss = next(loss for h, loss in losses if h.coefficients is coefficients)
@@ -70,10 +73,8 @@ def screened(losses: list[tuple[Hypothesis, float]], fitted: int) -> list[Fitted
 
     search = with_fits(refined=refined, null=SimpleNamespace(in_sample=np.inf))
     ranked = [(float(i), h, np.zeros(1)) for i, (h, _) in enumerate(losses)]
-    before = [
-        FittedExplanation((h,), refined(h.coefficients, np.zeros(1))) for h, _ in losses[:fitted]
-    ]
-    return list(with_unscreened(search, ranked, before))
+    fits = fit_best(search, ranked, fitted, 2, nonlinear_too=True)
+    return list(with_other_law(search, ranked, fits))
 
 
 def test_what_is_not_linear_is_fitted_at_its_best_place() -> None:
@@ -368,3 +369,43 @@ def test_effects_are_fitted_anew_until_one_explains() -> None:
     asked.clear()
     assert with_fits_anew(search, singles, most=7950.0)[1].loss == 9000.0
     assert asked == ["runout", "runout"]
+
+
+@pytest.mark.parametrize(
+    ("gained", "leaves", "again"),
+    [
+        (0.0, 1.2, ["none", "best", "near"]),
+        (30.0, 1.2, ["none", "best", "near", "next"]),  # its states may improve as much
+        (0.0, 2.0, ["none", "best", "near", "next", "far"]),  # all may be in wrong minima
+    ],
+)
+def test_what_may_come_near_the_best_is_fitted_again(
+    monkeypatch: pytest.MonkeyPatch, gained: float, leaves: float, again: list[str]
+) -> None:
+    """Of a gap of 200, by chi2 of 100 values: others are 5, 35 and 150 behind the best."""
+    fits = {
+        name: FittedExplanation((one(name),), Left(loss, 100.0 * leaves, count=100.0))  # type: ignore[arg-type]
+        for name, loss in (
+            ("none", 400.0),
+            ("best", 200.0),
+            ("near", 205.0),
+            ("next", 235.0),
+            ("far", 350.0),
+        )
+    }
+    made: list[str] = []
+
+    def better(search: Any, explanations: list[FittedExplanation]) -> list[FittedExplanation]:
+        made.extend(f.effects[0] for f in explanations)
+        gains = [gained * (f.effects[0] == "none") for f in explanations]
+        return [
+            replace(f, score=replace(f.score, loss=f.loss - g))
+            for f, g in zip(explanations, gains, strict=True)
+        ]
+
+    monkeypatch.setattr(refits, "better_fits", better)
+    none, *singles = fits.values()
+    left, found = fit_again(with_fits(), none, singles)
+    assert made == again
+    assert left.loss == 400.0 - gained
+    assert [f.effects[0] for f in found] == ["best", "near", "next", "far"]

@@ -9,9 +9,9 @@ import pytest
 from gap_support import NOMINAL, POINTS, prepared, sampled
 
 from herringbone_sim.core.model import Model, build
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.evaluate import Motion, forces
 from herringbone_sim.effects.written import effects_text, read_effects

@@ -14,10 +14,11 @@ import pytest
 from gap_support import of_shafts, practised, rig, without
 
 from herringbone_sim.core.layout import Layout
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.fits import FittedExplanation, fit_effect
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.orders import in_best_orders, renamed
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.observations import planet_orders, trajectory
 from herringbone_sim.gap.observations.gear import Gear

@@ -8,9 +8,10 @@ from gap_support import NOMINAL, POINTS, no_effect, prepared, rig, sampled, with
 from scipy.integrate import solve_ivp
 from scipy.special import expit
 
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.products import products
-from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search, amplitudes
+from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.diagnose import diagnose, machine_of
 from herringbone_sim.gap.observations.body_motion import body_loads

@@ -10,9 +10,10 @@ import pytest
 from gap_support import POINTS, noisy, prepared, rig, sampled
 
 from herringbone_sim.arrays import Array, rms
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import residual_without_nuisance
-from herringbone_sim.diagnosis.search import Search, amplitudes
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose

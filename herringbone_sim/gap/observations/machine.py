@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array, Indices
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.machine import A, Amplitudes, B, Hypothesis, Machine
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import (
     curves,

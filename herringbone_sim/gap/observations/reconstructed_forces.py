@@ -19,11 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.diagnosis.coefficients import Coefficient, functions_used
+from herringbone_sim.diagnosis.coefficients import Coefficient, amplitudes, functions_used
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.search import amplitudes
 from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
 from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.data.prepared import PreparedRun

@@ -13,11 +13,12 @@ from functools import partial
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.diagnosis.coefficients import amplitudes
 from herringbone_sim.diagnosis.fits import SURE_SHARE
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.parallel import forked_map, parallel_map
 from herringbone_sim.diagnosis.score import Score
-from herringbone_sim.diagnosis.search import CHANCE_CHI2, amplitudes
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.observations.gear import Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.shooting import MAX_FIT_CHI2
