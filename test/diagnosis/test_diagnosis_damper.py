@@ -297,6 +297,23 @@ def test_an_explanation_is_fitted_again_where_states_improve_and_that_leaves_les
     assert same is lucky
 
 
+def test_a_fit_ends_once_a_step_promises_less_than_the_noise_of_a_value(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The tolerances of a healthy damper: one step from zero, and none that is tried in vain."""
+    evaluated = []
+    about = Search.about
+
+    def counted(search, coefficients, mean, wanted):
+        evaluated.append(mean)
+        return about(search, coefficients, mean, wanted)
+
+    monkeypatch.setattr(Search, "about", counted)
+    null = Search(Damper(simulate("none", SEED))).null
+    assert len(evaluated) == 2
+    np.testing.assert_array_equal(evaluated[-1], null.mean)
+
+
 def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that the linear correction makes so counts as what the left-out runs leave."""
     compute_score = searching.compute_score
