@@ -113,9 +113,9 @@ class RandomStarts:
 @flattened
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pool:
-    """Options of what runs many tasks: threads, or a Dask cluster."""
+    """Options of what runs many tasks: processes, or a Dask cluster."""
 
-    workers: Workers = 2
+    workers: Annotated[Count, limits(gte=1), "processes, which share the cores"] = 2
     scheduler: Scheduler = None
 
 

@@ -106,9 +106,10 @@ class Machine(Protocol):
         """Whether blocks contain unknown states of motion, fitted anew with every explanation."""
 
     def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
-        """Apply ``fit`` to the machine and each of some items, side by side.
+        """Results of ``fit(machine, item)``, which can be pickled, for each item; side by side.
 
-        States fitted for one item are no starts of those for another, but of later ones.
+        What ``fit`` changes may be lost, but for states of motion: those fitted for one item are
+        no starts of those for another, but of all later ones.
         """
 
     def states_improve(self, amplitudes: Amplitudes) -> bool:

@@ -1,4 +1,4 @@
-"""Fit single effects again: moving parts with better parameters, others from better states."""
+"""Fit explanations again: moving parts with better parameters, others from better states."""
 
 from __future__ import annotations
 
@@ -96,17 +96,17 @@ def fit_again(
     """Fit explanations again, as states of motion found since may lead out of a wrong minimum.
 
     These are the fit without effects, effects that leave much, and those that are near the best,
-    or would be with what others gain by it.
+    or would be with what others gain by it; but those whose states do not improve stay.
 
     Returns:
         The fit without effects and the single effects, best first; of each the better fit.
     """
-    near = {id(f) for f in near_best(none, singles, NEAR_SHARE)}
+    near = {id(f) for f in (*singles[:1], *near_best(none, singles, NEAR_SHARE))}
     much = [f.score.in_sample > NONLINEAR_CHI2 * f.score.count for f in singles]
     chosen = [none, *(f for f, far in zip(singles, much, strict=True) if far or id(f) in near)]
     fits = dict(zip(map(id, chosen), better_fits(search, chosen), strict=True))
     gained = max(f.loss - fits[id(f)].loss for f in chosen)
-    least = min((fits[id(f)].loss for f in chosen[1:]), default=np.inf)
+    least = min((fits.get(id(f), f).loss for f in singles), default=np.inf)
     late = [f for f in singles if id(f) not in fits and f.loss - gained < least + CHANCE_CHI2]
     fits |= dict(zip(map(id, late), better_fits(search, late), strict=True))
     again = (fits.get(id(f), f) for f in singles)
@@ -126,7 +126,9 @@ def better_fits(
         at = amplitudes(known.coefficients, known.mean, own.runs, own.rows)
         return own.refitted(known) if own.machine.states_improve(at) else known
 
-    pairs = zip(explanations, scores_apart(search, again, explanations), strict=True)
-    scores = [replace(score, coefficients=f.score.coefficients) for f, score in pairs]
-    fits = [replace(f, score=s) for f, s in zip(explanations, scores, strict=True)]
-    return [min(f, fit, key=lambda f: f.loss) for f, fit in zip(explanations, fits, strict=True)]
+    better = []
+    scores = scores_apart(search, again, explanations)
+    for f, score in zip(explanations, scores, strict=True):
+        fit = replace(f, score=replace(score, coefficients=f.score.coefficients))
+        better.append(min(f, fit, key=lambda f: f.loss))
+    return better

@@ -129,8 +129,8 @@ class Search:
     ) -> Score:
         """Fit a hypothesis by Gauss-Newton, then score it about the solution.
 
-        It ends where a step gains no more, or promises less than the mean chi2 of a value: then it
-        is less than a standard deviation.
+        It ends where a step gains no more, or promises less (without the prior) than the mean chi2
+        of a value: then it is less than a standard deviation.
 
         Where a run diverges at ``start``, it starts from ``null`` and the centres of the priors.
 
@@ -146,7 +146,7 @@ class Search:
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
         reach = trust_region(with_base)
-        refused, gain = 0, np.inf
+        refused, promised = 0, np.inf
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
             now = float(campaign.chi2.sum()) if campaign.is_finite else np.inf
@@ -156,8 +156,8 @@ class Search:
                 now = float(campaign.chi2.sum())
             if best is not None and not now < least:
                 refused += 1
-                by_chance = max(RELATIVE_TOLERANCE * now, CHANCE_CHI2)
-                if min(now - least, gain) < by_chance or refused == MAX_STEP_CUTS:
+                by_chance = max(RELATIVE_TOLERANCE * least, CHANCE_CHI2)
+                if min(now - least, promised) < by_chance or refused == MAX_STEP_CUTS:
                     break
                 step = 0.3 * step
                 mean = best[0] + step
@@ -171,8 +171,9 @@ class Search:
             if number and self._cannot_improve(target, coefficients):
                 break
             sizes, step = (target.prior_scale,), target.mean - mean
-            gain = float(chi2_reduction(*campaign.normal_equations(coefficients), step).sum())
-            if gain < now / sum(campaign.counts.values()):
+            normal = campaign.normal_equations(coefficients)
+            promised = float(chi2_reduction(*normal, step).sum())
+            if promised < now / sum(campaign.counts.values()):
                 break
             step = within(step, reach)
             mean = mean + step

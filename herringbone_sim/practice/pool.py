@@ -41,7 +41,7 @@ LOCAL = Resources()
 
 @contextmanager
 def pool(workers: int, scheduler: str | None = None) -> Iterator[tuple[Executor, int]]:
-    """Context that gives an executor and its number of cores, and ends it at exit.
+    """Context that gives an executor and how many tasks it runs at once, and ends it at exit.
 
     Processes are spawned, because libraries read the number of threads only at start.
 

@@ -314,6 +314,24 @@ def test_a_fit_ends_once_a_step_promises_less_than_the_noise_of_a_value(
     np.testing.assert_array_equal(evaluated[-1], null.mean)
 
 
+def test_a_step_that_diverges_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the first step led out of the range in which the motion is bounded."""
+    evaluated, right = [], Search(Damper(simulate("none", SEED))).null
+    about = Search.about
+
+    def astray(search, coefficients, mean, wanted):
+        found = about(search, coefficients, mean, wanted)
+        evaluated.append(mean)
+        if len(evaluated) == 2:
+            found.chi2 = np.full_like(found.chi2, np.inf)
+        return found
+
+    monkeypatch.setattr(Search, "about", astray)
+    null = Search(Damper(simulate("none", SEED))).null
+    np.testing.assert_allclose(evaluated[2], 0.3 * evaluated[1])
+    assert null.in_sample == pytest.approx(right.in_sample, rel=1e-3)
+
+
 def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that the linear correction makes so counts as what the left-out runs leave."""
     compute_score = searching.compute_score

@@ -172,7 +172,7 @@ def test_the_fits_of_a_run_restart_such_windows(
     monkeypatch.setattr(trajectory_module, "misses_much", lambda *fit: False)  # no new pass
     other = Trajectory(trajectory.run)
     assert other.nominal.cost == pytest.approx(shot.cost, rel=0.02)
-    other.memory.fits(("same",)).best = stuck.fitted
+    other.memory.known(("same",)).best = stuck.fitted
     again = other.fitted_states(("same",), lambda motion: LawChange(), {})
     assert again.cost == pytest.approx(shot.cost, rel=0.02)
 
@@ -184,12 +184,12 @@ def test_fits_side_by_side_know_nothing_of_one_another(gear: Gear) -> None:
     key = ("kappa of 0",)
 
     def fitted(own: Any, _: int) -> tuple[float, float]:
-        return own.gear.trajectory_of(0).memory.fits(key).chi2, own.gear.states(0, change).cost
+        return own.gear.trajectory_of(0).memory.known(key).chi2, own.gear.states(0, change).cost
 
-    assert gear.trajectory_of(0).memory.fits(key).chi2 == np.inf
+    assert gear.trajectory_of(0).memory.known(key).chi2 == np.inf
     fits = machine.fitted_apart(fitted, range(5))  # more than one a process
     assert {before for before, _ in fits} == {np.inf}
-    assert {after for _, after in fits} == {gear.trajectory_of(0).memory.fits(key).chi2}
+    assert {after for _, after in fits} == {gear.trajectory_of(0).memory.known(key).chi2}
 
 
 def test_states_improve_where_better_ones_were_found(gear: Gear) -> None:
@@ -198,7 +198,7 @@ def test_states_improve_where_better_ones_were_found(gear: Gear) -> None:
     change = {"trajectory": {"kappa of 1": np.full((machine.runs, 1), 0.02)}}
     assert machine.states_improve(change)  # there were none
     assert not machine.states_improve(change)
-    known = gear.trajectory_of(0).memory.fits(("kappa of 1",))
+    known = gear.trajectory_of(0).memory.known(("kappa of 1",))
     assert known.best is not None
     known.best = replace(known.best, cost=known.chi2 + 2.0 * CHANCE_CHI2)
     assert machine.states_improve(change)

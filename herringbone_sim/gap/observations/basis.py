@@ -33,7 +33,8 @@ class Function:
         nonlinear: (motion, amplitudes (n_mesh,)) -> change of the slot and of its rate, where
             these are not proportional to the amplitudes; ``values`` is then the slope at zero.
         meshes: indices of the meshes that it acts on; None: all.
-        by_law: whether ``values`` or ``rate`` depend on the law, beside the motion.
+        by_law: whether ``values`` or ``rate`` depend on the law, beside the motion; if not, they
+            are also evaluated with an empty one.
     """
 
     name: str

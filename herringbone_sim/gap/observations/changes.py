@@ -22,8 +22,8 @@ STAGES: tuple[Callable[[Function], bool], ...] = (
     lambda f: f.slot in ("kappa", "mean_kappa", "gamma"),
     lambda f: f.slot == "extra_force",
 )
-# For functions that don't depend on the law.
 NOTHING = np.empty(0)
+# For functions that don't depend on the law, see ``Function.by_law``.
 NO_LAW = Law(NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING)
 
 

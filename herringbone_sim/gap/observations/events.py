@@ -247,15 +247,16 @@ class Event:
         late: Array = np.array(self.late)
         at = tuple(np.flatnonzero(self.locus.mask(gear.model.layout)).tolist())
 
-        last: list[tuple[MeshMotion, Array]] = []  # functions of an event follow one another
+        last: tuple[Array, Array] | None = None  # of the functions, which follow one another
 
         def from_event(m: MeshMotion) -> Array:
-            for motion, cycles in last:
-                if motion is m:
-                    return cycles
+            nonlocal last
+            known = last  # another thread may replace it
+            if known is not None and known[0] is m.phase:
+                return known[1]
             s = m.phase[:, None] / (2.0 * np.pi) - self.middle - late
-            cycles = s - self.turn * np.floor(s / self.turn + 0.5)
-            last[:] = [(m, cycles)]
+            cycles: Array = s - self.turn * np.floor(s / self.turn + 0.5)
+            last = m.phase, cycles
             return cycles
 
         def made(i: int) -> Function:

@@ -100,7 +100,7 @@ def cycles_per_member_turn(model: Model) -> dict[str, float]:
 
 def law_functions(model: Model) -> list[Function]:
     """Return all basis functions of the force law, errors of force sensors included."""
-    by_law = partial(Function, by_law=True)
+    function_of_law = partial(Function, by_law=True)
     functions = [
         constant_function("kappa", "kappa"),
         constant_function("gamma", "gamma"),
@@ -120,15 +120,17 @@ def law_functions(model: Model) -> list[Function]:
         functions += harmonic_functions("d", f"shaft {shaft}", {"1": 1.0 / cycles})
     functions += load_hat_functions("kappa", "kappa load")
     functions += [
-        by_law("gamma free", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back),
+        function_of_law(
+            "gamma free", "gamma", lambda _, law: 1.0 - law.contact_drive - law.contact_back
+        ),
         *(
-            by_law(f.name, f.slot, _in_contact(f))
+            function_of_law(f.name, f.slot, _in_contact(f))
             for f in load_hat_functions("gamma", "gamma load")
         ),
         constant_function("F bias", "extra_force"),
-        by_law("F gain", "extra_force", lambda _, law: law.force),
-        by_law("F delay", "extra_force", lambda m, law: -slope(m, law.force)),
-        by_law(
+        function_of_law("F gain", "extra_force", lambda _, law: law.force),
+        function_of_law("F delay", "extra_force", lambda m, law: -slope(m, law.force)),
+        function_of_law(
             "F clock",
             "extra_force",
             lambda m, law: -m.times[:, None] * slope(m, law.force),
@@ -136,7 +138,7 @@ def law_functions(model: Model) -> list[Function]:
         *(Function(f"filter {i + 1}", "extra_force", _filtered(i)) for i in range(len(FILTERS))),
     ]
     for i in range(model.layout.n_mesh):
-        functions.append(by_law(f"F of {i}", "extra_force", _of_mesh(i)))
+        functions.append(function_of_law(f"F of {i}", "extra_force", _of_mesh(i)))
     return functions
 
 

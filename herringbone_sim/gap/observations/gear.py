@@ -6,10 +6,10 @@ Over 300 lines: the observations share caches and copies of one object.
 from __future__ import annotations
 
 import copy
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import count
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,18 @@ if TYPE_CHECKING:
     from herringbone_sim.gap.observations.seats import Seat
 
 
+class FittedApart(NamedTuple):
+    """Memories of the states that a copy of a gear fitted.
+
+    Attributes:
+        runs: by number of the run.
+        swapped: of runs with exchanged channels put back, by number of the run and exchange.
+    """
+
+    runs: Mapping[int, StateMemory]
+    swapped: Mapping[tuple[int, str], StateMemory]
+
+
 class Gear(RecordedGear):
     """Observations of a gear's runs, linearised about any change of the law.
 
@@ -69,7 +81,7 @@ class Gear(RecordedGear):
         self._changes = LawChanges(self.model, force_law.law_functions(self.model), {})
         self._part_amplitudes: Amplitudes = {}
         self._measured_balances: list[Block] = []  # shared by all copies
-        self.part_numbers = itertools.count()
+        self.part_numbers = count()
 
     @property
     def law_functions(self) -> tuple[Function, ...]:
@@ -133,32 +145,35 @@ class Gear(RecordedGear):
         gear._formed = {}
         return gear
 
-    def states_since(self, before: Gear) -> StatesOfRuns:
-        """Memories of what was fitted since this gear was copied by ``with_own_states``."""
-        return {
-            name: t.memory.since(before._windows_by_name[name].memory)
-            for name, t in self._windows_by_name.items()
-            if name in before._windows_by_name
-        }
+    def states_since(self, before: Gear) -> FittedApart:
+        """What was fitted since this gear was copied from ``before`` by ``with_own_states``."""
 
-    def learn_states(self, states: StatesOfRuns) -> None:
-        """Remember what a copy fitted, see ``states_since``."""
-        for name, memory in states.items():
-            self._windows_by_name[name].memory.add(memory)
+        def new(trajectory: Trajectory, known: Trajectory | None) -> StateMemory:
+            return trajectory.memory.since(StateMemory() if known is None else known.memory)
 
-    @property
-    def _windows_by_name(self) -> dict[int | tuple[int, str], Trajectory]:
-        """Windows by number of the run, or by that and the swap that was undone."""
-        swapped = self._swapped_trajectories
-        return dict(itertools.chain(self._trajectories.items(), swapped.items()))
+        runs, swapped = before._trajectories, before._swapped_trajectories
+        return FittedApart(
+            {r: new(t, runs.get(r)) for r, t in self._trajectories.items()},
+            {key: new(t, swapped.get(key)) for key, t in self._swapped_trajectories.items()},
+        )
+
+    def learn_states(self, fitted: FittedApart) -> None:
+        """Remember what a copy fitted."""
+        for r, memory in fitted.runs.items():
+            self.trajectory_of(r).memory.add(memory)
+        for (r, swap), memory in fitted.swapped.items():
+            self.swapped_trajectory(r, swap).memory.add(memory)
 
     def states_improve(self, amplitudes: Amplitudes) -> bool:
-        """Whether states fitted again under a change leave less chi2, by more than chance."""
+        """Whether states fitted again under a change leave less chi2, by more than chance.
+
+        Less than the least that is known of each run with the same functions.
+        """
 
         def gained(r: int) -> float:
             known = self.trajectory_under(r, amplitudes).memory
-            before = known.fits(_functions_acting(r, amplitudes)).chi2
-            return before - self.states(r, amplitudes).cost
+            before = known.known(_functions_acting(r, amplitudes)).chi2
+            return max(0.0, before - self.states(r, amplitudes).cost)
 
         runs = [r for r in range(len(self.runs)) if self.has_windows_of(r)]
         return sum(parallel_map(gained, runs)) > CHANCE_CHI2
@@ -455,5 +470,4 @@ def _functions_acting(r: int, amplitudes: Amplitudes) -> tuple[str, ...]:
     return tuple(sorted(f for f, a in amplitudes.get(trajectory.NAME, {}).items() if np.any(a[r])))
 
 
-StatesOfRuns = Mapping[int | tuple[int, str], StateMemory]
 SHAFT_NAMES = tuple(f"shaft {s} 1 {trig}" for s in "scp" for trig in ("cos", "sin"))

@@ -29,7 +29,7 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
-from herringbone_sim.gap.observations.gear import Gear, StatesOfRuns
+from herringbone_sim.gap.observations.gear import FittedApart, Gear
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.tolerances import tolerances
 from herringbone_sim.gap.observations.windows import MORE_WINDOWS, window_samples
@@ -183,7 +183,7 @@ class GearMachine:
     def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
         """See ``Machine``; what was fitted is remembered when all are."""
 
-        def apart(item: A) -> tuple[B, StatesOfRuns]:
+        def apart(item: A) -> tuple[B, FittedApart]:
             own = copy.copy(self)
             own.gear = self.gear.with_own_states()
             return fit(own, item), own.gear.states_since(self.gear)

@@ -160,13 +160,17 @@ class RecordedGear:
         """Windows of run r; with channels swapped back if the amplitudes contain a swap."""
         for f, a in amplitudes.get(trajectory.NAME, {}).items():
             if f.startswith(SWAP_PREFIX) and a[r][0] != 0.0:
-                key = r, f
-                if key not in self._swapped_trajectories:
-                    names = f.removeprefix(SWAP_PREFIX).split(" and ")
-                    run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
-                    self._swapped_trajectories[key] = Trajectory(run, self.windows, True)
-                return self._swapped_trajectories[key]
+                return self.swapped_trajectory(r, f)
         return self.trajectory_of(r)
+
+    def swapped_trajectory(self, r: int, swap: str) -> Trajectory:
+        """Windows of run r with the channels of the function ``swap`` swapped back."""
+        key = r, swap
+        if key not in self._swapped_trajectories:
+            names = swap.removeprefix(SWAP_PREFIX).split(" and ")
+            run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
+            self._swapped_trajectories[key] = Trajectory(run, self.windows, True)
+        return self._swapped_trajectories[key]
 
     @cached_property
     def omegas(self) -> Array:

@@ -6,6 +6,7 @@ A fit is told by its key: names of the functions with an amplitude.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +17,17 @@ from herringbone_sim.gap.observations.window_restarts import Group
 Key = tuple[str, ...]
 
 
+class Failure(NamedTuple):
+    """Windows whose restart gained nothing, ``tries`` times, at a chi2 of the run."""
+
+    group: Group
+    chi2: float
+    tries: int
+
+
 @dataclass
-class FitsOfKey:
-    """Fits of one key.
+class KnownStates:
+    """What is known of the fits of one key.
 
     Attributes:
         best: states of least chi2; None before the first fit that converged.
@@ -52,18 +61,18 @@ class StateMemory:
     """Fitted states of a run.
 
     Attributes:
-        of_key: fits, by key.
+        by_key: what is known of each key.
         least: states of least chi2 under any change without sensor errors; None before.
-        failures: windows whose restart gained nothing, with chi2.
+        failures: windows whose restart gained nothing.
     """
 
-    of_key: dict[Key, FitsOfKey] = field(default_factory=dict)
+    by_key: dict[Key, KnownStates] = field(default_factory=dict)
     least: FittedStates | None = None
-    failures: list[tuple[Group, float]] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
 
-    def fits(self, key: Key) -> FitsOfKey:
-        """Fits of a key, made if there are none."""
-        return self.of_key.setdefault(key, FitsOfKey())
+    def known(self, key: Key) -> KnownStates:
+        """What is known of a key, from now on if nothing was."""
+        return self.by_key.setdefault(key, KnownStates())
 
     def keep_least(self, fitted: FittedStates) -> None:
         """Keep states that were fitted without sensor errors if their chi2 is the least."""
@@ -72,33 +81,36 @@ class StateMemory:
 
     def copy(self) -> StateMemory:
         """Copy that changes on its own."""
-        of_key = {key: replace(fits) for key, fits in self.of_key.items()}
-        return StateMemory(of_key, self.least, list(self.failures))
+        by_key = {key: replace(known) for key, known in self.by_key.items()}
+        return StateMemory(by_key, self.least, list(self.failures))
 
     def reordered(self, at: Indices) -> StateMemory:
         """Copy with the 18 components of each state in the order ``at``, see ``Trajectory``."""
-        of_key = {
+        by_key = {
             key: replace(
-                fits,
-                best=None if fits.best is None else fits.best.reordered(at),
+                known,
+                best=None if known.best is None else known.best.reordered(at),
                 tried_chi2=None,
                 anew=None,
             )
-            for key, fits in self.of_key.items()
+            for key, known in self.by_key.items()
         }
-        return StateMemory(of_key, None, list(self.failures))
+        return StateMemory(by_key, None, list(self.failures))
 
     def since(self, before: StateMemory) -> StateMemory:
         """What a copy of ``before`` has that ``before`` has not."""
-        new = {key: fits for key, fits in self.of_key.items() if fits != before.of_key.get(key)}
+        new = {key: now for key, now in self.by_key.items() if now != before.by_key.get(key)}
         least = None if self.least is before.least else self.least
         return StateMemory(new, least, self.failures[len(before.failures) :])
 
     def add(self, other: StateMemory) -> None:
-        """Add what was fitted elsewhere; of two fits of a key, keep that of less chi2."""
-        for key, fits in other.of_key.items():
-            if fits.chi2 < self.fits(key).chi2:
-                self.of_key[key] = fits
+        """Add what was fitted elsewhere; of two fits of a key, keep that of less chi2.
+
+        Where it is the same, what was tried in vain elsewhere counts.
+        """
+        for key, known in other.by_key.items():
+            if known.chi2 <= self.known(key).chi2:
+                self.by_key[key] = known
         if other.least is not None:
             self.keep_least(other.least)
         self.failures += other.failures

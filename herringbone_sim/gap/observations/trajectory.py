@@ -35,7 +35,7 @@ from herringbone_sim.gap.observations.shooting import (
     stacked_residual,
     window_jacobian,
 )
-from herringbone_sim.gap.observations.state_memory import Key, StateMemory
+from herringbone_sim.gap.observations.state_memory import Failure, Key, StateMemory
 from herringbone_sim.gap.observations.window_columns import (
     nuisance_columns,
     window_columns,
@@ -57,7 +57,7 @@ from herringbone_sim.gap.observations.window_states import StateElimination
 from herringbone_sim.gap.observations.windows import N_WINDOWS, Windows
 
 NAME = "trajectory"
-# Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its last states;
+# Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its best states;
 # chosen for run time.
 ROUNDS_NEW, ROUNDS_AGAIN = 8, 2
 # States are restarted once chi2 is less than this fraction of that at the last restart, as the
@@ -115,10 +115,11 @@ class Trajectory(ForcedWindows):
             on_carrier: functions on the carrier.
 
         Returns:
-            Fitted states, also in ``memory`` for ``key``; ``nominal`` where they diverge.
+            Fitted states, kept in ``memory`` if their chi2 is the least of ``key``; ``nominal``
+            where they diverge.
         """
         forcing_at = self.forcing_under(change_of, of_bodies, on_carrier)
-        known = self.memory.fits(key)
+        known = self.memory.known(key)
         new = known.best is None
         begin = known.best or self.nominal
         solution = fitted_windows(
@@ -206,7 +207,7 @@ class Trajectory(ForcedWindows):
         solution = own._restarted(forcing, with_lead, self.nominal.trends)
         if solution is not None:
             for key in keys:
-                self.memory.fits(key).anew = solution.fitted
+                self.memory.known(key).anew = solution.fitted
         return solution
 
     @contextmanager
@@ -255,7 +256,7 @@ class Trajectory(ForcedWindows):
     @property
     def is_fitted(self) -> bool:
         """Whether states were fitted under any change of the law."""
-        return bool(self.memory.of_key)
+        return any(known.best is not None for known in self.memory.by_key.values())
 
     def _without_misfits(
         self, s: Windows, solution: WindowSolution, forcing_at: Callable[[WindowSolution], Forcing]
@@ -265,24 +266,29 @@ class Trajectory(ForcedWindows):
         Windows that failed ``MAX_FAILED`` times are left: what they lack is in the law.
         """
         for _ in range(MAX_RESTARTS):
-            groups = [g for g in misfits(s, solution) if self._failed(g, solution) < MAX_FAILED]
+            groups = [g for g in misfits(s, solution) if self._tries(g, solution) < MAX_FAILED]
             if not groups:
                 return solution
             now = evaluated(s, solution.starts, forcing_at(solution), solution.trends)
-            anew = restarted(s, now, groups[0], self._failed(groups[0], solution))
+            anew = restarted(s, now, groups[0], self._tries(groups[0], solution))
             if anew is None:
-                self.memory.failures.append((groups[0], solution.cost))
+                tries = self._tries(groups[0], solution) + 1
+                self.memory.failures.append(Failure(groups[0], solution.cost, tries))
                 return solution
             solution = anew
         return solution
 
-    def _failed(self, group: Group, solution: WindowSolution) -> int:
+    def _tries(self, group: Group, solution: WindowSolution) -> int:
         """Number of restarts of any of these windows that gained nothing at a similar chi2."""
-        return sum(
-            g.first <= group.last
-            and group.first <= g.last
-            and RESTART_SHARE * cost < solution.cost < cost / RESTART_SHARE
-            for g, cost in self.memory.failures
+        return max(
+            (
+                tries
+                for g, chi2, tries in self.memory.failures
+                if g.first <= group.last
+                and group.first <= g.last
+                and RESTART_SHARE * chi2 < solution.cost < chi2 / RESTART_SHARE
+            ),
+            default=0,
         )
 
     def _has_converged(self, solution: WindowSolution) -> bool:
