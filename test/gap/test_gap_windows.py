@@ -192,6 +192,15 @@ def test_fits_side_by_side_know_nothing_of_one_another(gear: Gear) -> None:
     assert {after for _, after in fits} == {gear.trajectory_of(0).memory.known(key).chi2}
 
 
+def test_states_of_exchanged_channels_are_remembered(gear: Gear) -> None:
+    """Those of both suns, which move alike; the windows are made by the fit."""
+    machine, swap = GearMachine(gear), "swap of u_s_L and u_s_R"
+    change = {"trajectory": {swap: np.ones((machine.runs, 1))}}
+    (cost,) = machine.fitted_apart(lambda own, run: own.gear.states(run, change).cost, (1,))
+    (known,) = gear.swapped_trajectory(1, swap).memory.by_key.values()
+    assert known.chi2 == cost
+
+
 def test_states_improve_where_better_ones_were_found(gear: Gear) -> None:
     """Between two fits under a change, those of one run were in a wrong minimum."""
     machine = GearMachine(gear)
