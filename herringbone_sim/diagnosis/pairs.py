@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -13,9 +14,9 @@ from herringbone_sim.diagnosis.fits import (
     FittedExplanation,
     Ranking,
     fit_best,
-    fit_effect,
     fit_effects,
     rank,
+    scores_apart,
     screen_all,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -58,11 +59,16 @@ def fit_jointly(
     for loss, (a, b), start in ranked:
         if loss < limit:
             best.setdefault(frozenset((a.effect, b.effect)), ((a, b), start))
-    fits = [
-        FittedExplanation(
-            (a, b), search.settled(search.refined((*a.coefficients, *b.coefficients), start))
-        )
+    chosen = [
+        ((a, b), (*a.coefficients, *b.coefficients), start)
         for (a, b), start in list(best.values())[:MAX_FITTED_JOINTLY]
+    ]
+    scores = scores_apart(
+        search, lambda own, given: own.settled(own.refined(given[1], given[2])), chosen
+    )
+    fits = [
+        FittedExplanation(pair, replace(score, coefficients=(*search.base, *coefficients)))
+        for (pair, coefficients, _), score in zip(chosen, scores, strict=True)
     ]
     usable = [f for f in fits if f.score.in_sample <= search.null.in_sample]
     return tuple(sorted(usable, key=lambda f: f.loss))
@@ -187,7 +193,7 @@ def with_each_alone(
 
     Effects at their place that are in ``singles`` are not fitted again.
     """
-    fits = list(singles)
+    starts: list[tuple[Hypothesis, Array]] = []
     known = {_key(f.hypotheses[0]) for f in singles}
     for pair in pairs:
         first = len(search.base)
@@ -197,8 +203,8 @@ def with_each_alone(
             if _key(hypothesis) not in known:
                 known.add(_key(hypothesis))
                 start = np.concatenate([search.null.mean, pair.score.mean[own]])
-                fits.append(fit_effect(search, hypothesis, start))
-    return tuple(sorted(fits, key=lambda f: f.loss))
+                starts.append((hypothesis, start))
+    return tuple(sorted((*singles, *fit_effects(search, starts)), key=lambda f: f.loss))
 
 
 def fit_rivals_of_first(
@@ -242,18 +248,19 @@ def fit_beside_part(
     """
     alone = {_key(f.hypotheses[0]): f.loss for f in singles}
     search_with_part = search.onwards(search.machine, part.score)
-    fits: dict[object, FittedExplanation] = {}
+    starts: dict[object, tuple[Hypothesis, Array]] = {}
     for pair in pairs:
         own = len(search.base)
-        starts = []
+        both = []
         for hypothesis in pair.hypotheses:
             size = pair.score.mean[own : own + len(hypothesis.coefficients)]
-            starts.append((alone.get(_key(hypothesis), np.inf), hypothesis, size))
+            both.append((alone.get(_key(hypothesis), np.inf), hypothesis, size))
             own += len(hypothesis.coefficients)
-        _, second, size = max(starts, key=lambda start: start[0])
-        if _key(second) in fits or len(fits) == MAX_BESIDE_PART:
-            continue
-        start = np.concatenate([search_with_part.null.mean, size])
-        score = fit_effect(search_with_part, second, start).score
-        fits[_key(second)] = FittedExplanation((*part.hypotheses, second), score, search_with_part)
-    return tuple(fits.values())
+        _, second, size = max(both, key=lambda one: one[0])
+        if len(starts) < MAX_BESIDE_PART:
+            start = np.concatenate([search_with_part.null.mean, size])
+            starts.setdefault(_key(second), (second, start))
+    return tuple(
+        FittedExplanation((*part.hypotheses, *f.hypotheses), f.score, search_with_part)
+        for f in fit_effects(search_with_part, list(starts.values()))
+    )
