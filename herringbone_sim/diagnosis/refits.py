@@ -13,6 +13,7 @@ from herringbone_sim.diagnosis.fits import (
     NONLINEAR_CHI2,
     FittedExplanation,
     fit_effect,
+    fit_effects,
     near_best,
     scores_apart,
 )
@@ -44,12 +45,11 @@ def with_better_part(
         if not better:
             break
         extended = search.with_machine(machine)
-        fits = []
-        for other in better:
-            centers = [c.center for c in other.coefficients]
-            start = np.concatenate([other.base_mean, centers])
-            fits.append(fit_effect(extended, other, start))
-        fit = min(fits, key=lambda f: f.loss)
+        starts = [
+            (other, np.array([*other.base_mean, *(c.center for c in other.coefficients)]))
+            for other in better
+        ]
+        fit = min(fit_effects(extended, starts), key=lambda f: f.loss)
         gained = best.loss - fit.loss
         if gained > CHANCE_CHI2:
             search, best = extended, fit
