@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
+import pytest
+from gap_support import practised
+
+from herringbone_sim.diagnosis.search import CHANCE_CHI2
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.machine import GearMachine
 from herringbone_sim.gap.observations.shooting import FittedStates
-from herringbone_sim.gap.observations.state_memory import Failure, StateMemory
+from herringbone_sim.gap.observations.window_memory import Failure, StateMemory
 from herringbone_sim.gap.observations.window_restarts import Group
 
 
@@ -72,3 +80,45 @@ def test_states_in_another_order_are_those_of_the_other_bodies() -> None:
     np.testing.assert_array_equal(best.starts[0], order)
     assert (other.least, other.known(("k",)).anew, other.known(("k",)).tried_chi2) == (None,) * 3
     assert fits.anew is not None
+
+
+@pytest.fixture(scope="module")
+def gear() -> Gear:
+    """Two runs of a healthy practice rig of which three rotations are recorded."""
+    return practised(600001, "none", runs=2).gear
+
+
+def test_fits_side_by_side_know_nothing_of_one_another(gear: Gear) -> None:
+    """One fit made again and again has the same start; later ones start from its states."""
+    machine = GearMachine(gear)
+    change = {"trajectory": {"kappa of 0": np.full((machine.runs, 1), 0.02)}}
+    key = ("kappa of 0",)
+
+    def fitted(own: Any, _: int) -> tuple[float, float]:
+        return own.gear.trajectory_of(0).memory.known(key).chi2, own.gear.states(0, change).cost
+
+    assert gear.trajectory_of(0).memory.known(key).chi2 == np.inf
+    fits = machine.fitted_apart(fitted, range(5))  # more than one a process
+    assert {before for before, _ in fits} == {np.inf}
+    assert {after for _, after in fits} == {gear.trajectory_of(0).memory.known(key).chi2}
+
+
+def test_states_of_exchanged_channels_are_remembered(gear: Gear) -> None:
+    """Those of both suns, which move alike; the windows are made by the fit."""
+    machine, swap = GearMachine(gear), "swap of u_s_L and u_s_R"
+    change = {"trajectory": {swap: np.ones((machine.runs, 1))}}
+    (cost,) = machine.fitted_apart(lambda own, run: own.gear.states(run, change).cost, (1,))
+    (known,) = gear.swapped_trajectory(1, swap).memory.by_key.values()
+    assert known.chi2 == cost
+
+
+def test_states_improve_where_better_ones_were_found(gear: Gear) -> None:
+    """Between two fits under a change, those of one run were in a wrong minimum."""
+    machine = GearMachine(gear)
+    change = {"trajectory": {"kappa of 1": np.full((machine.runs, 1), 0.02)}}
+    assert machine.states_improve(change)  # there were none
+    assert not machine.states_improve(change)
+    known = gear.trajectory_of(0).memory.known(("kappa of 1",))
+    assert known.best is not None
+    known.best = replace(known.best, cost=known.chi2 + 2.0 * CHANCE_CHI2)
+    assert machine.states_improve(change)

@@ -9,7 +9,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,24 +35,10 @@ from herringbone_sim.gap.observations.recorded_gear import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.observations.state_memory import StateMemory
-from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.residuals.balance import FINE, window_of
 
 if TYPE_CHECKING:
     from herringbone_sim.gap.observations.seats import Seat
-
-
-class FittedApart(NamedTuple):
-    """Memories of the states that a copy of a gear fitted.
-
-    Attributes:
-        runs: by number of the run.
-        swapped: of runs with exchanged channels put back, by number of the run and exchange.
-    """
-
-    runs: Mapping[int, StateMemory]
-    swapped: Mapping[tuple[int, str], StateMemory]
 
 
 class Gear(RecordedGear):
@@ -134,35 +120,6 @@ class Gear(RecordedGear):
         }
         gear._formed = {}
         return gear
-
-    def with_own_states(self) -> Gear:
-        """Copy that keeps the states which it fits from this gear, see ``learn_states``."""
-        gear = copy.copy(self)
-        gear._trajectories = {r: t.with_own_memory() for r, t in self._trajectories.items()}
-        gear._swapped_trajectories = {
-            swap: t.with_own_memory() for swap, t in self._swapped_trajectories.items()
-        }
-        gear._formed = {}
-        return gear
-
-    def states_since(self, before: Gear) -> FittedApart:
-        """What was fitted since this gear was copied from ``before`` by ``with_own_states``."""
-
-        def new(trajectory: Trajectory, known: Trajectory | None) -> StateMemory:
-            return trajectory.memory.since(StateMemory() if known is None else known.memory)
-
-        runs, swapped = before._trajectories, before._swapped_trajectories
-        return FittedApart(
-            {r: new(t, runs.get(r)) for r, t in self._trajectories.items()},
-            {key: new(t, swapped.get(key)) for key, t in self._swapped_trajectories.items()},
-        )
-
-    def learn_states(self, fitted: FittedApart) -> None:
-        """Remember what a copy fitted."""
-        for r, memory in fitted.runs.items():
-            self.trajectory_of(r).memory.add(memory)
-        for (r, swap), memory in fitted.swapped.items():
-            self.swapped_trajectory(r, swap).memory.add(memory)
 
     def states_improve(self, amplitudes: Amplitudes) -> bool:
         """Whether states fitted again under a change leave less chi2, by more than chance.

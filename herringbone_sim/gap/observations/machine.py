@@ -29,7 +29,8 @@ from herringbone_sim.gap.observations import (
 )
 from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.events import Event
-from herringbone_sim.gap.observations.gear import FittedApart, Gear
+from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.observations.recorded_gear import FittedApart
 from herringbone_sim.gap.observations.seats import Seat
 from herringbone_sim.gap.observations.tolerances import tolerances
 from herringbone_sim.gap.observations.windows import MORE_WINDOWS, window_samples

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,26 @@ from herringbone_sim.gap.observations import balance, consistency, force_law, tr
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.trajectory import Trajectory
 from herringbone_sim.gap.observations.window_channels import WindowChannels, window_channels
+from herringbone_sim.gap.observations.window_memory import StateMemory
 from herringbone_sim.gap.observations.window_sensors import SWAP_PREFIX
 from herringbone_sim.gap.observations.windows import N_WINDOWS
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_sensor_error
 from herringbone_sim.gap.sensors.swaps import find_swap
+
+G = TypeVar("G", bound="RecordedGear")
+
+
+class FittedApart(NamedTuple):
+    """Memories of the states that a copy of a gear fitted.
+
+    Attributes:
+        runs: by number of the run.
+        swapped: of runs with exchanged channels put back, by number of the run and exchange.
+    """
+
+    runs: Mapping[int, StateMemory]
+    swapped: Mapping[tuple[int, str], StateMemory]
 
 
 class RecordedGear:
@@ -171,6 +188,35 @@ class RecordedGear:
             run = without_sensor_error(self.runs[r].run, "swap", names, 1.0)
             self._swapped_trajectories[key] = Trajectory(run, self.windows, True)
         return self._swapped_trajectories[key]
+
+    def with_own_states(self: G) -> G:
+        """Copy whose fits this gear does not know of until ``learn_states``."""
+        gear = copy.copy(self)
+        gear._trajectories = {r: t.with_own_memory() for r, t in self._trajectories.items()}
+        gear._swapped_trajectories = {
+            swap: t.with_own_memory() for swap, t in self._swapped_trajectories.items()
+        }
+        gear._formed = {}
+        return gear
+
+    def states_since(self, before: RecordedGear) -> FittedApart:
+        """States fitted since this gear was copied from ``before`` by ``with_own_states``."""
+
+        def new(trajectory: Trajectory, known: Trajectory | None) -> StateMemory:
+            return trajectory.memory.since(StateMemory() if known is None else known.memory)
+
+        runs, swapped = before._trajectories, before._swapped_trajectories
+        return FittedApart(
+            {r: new(t, runs.get(r)) for r, t in self._trajectories.items()},
+            {key: new(t, swapped.get(key)) for key, t in self._swapped_trajectories.items()},
+        )
+
+    def learn_states(self, fitted: FittedApart) -> None:
+        """Remember what a copy fitted."""
+        for r, memory in fitted.runs.items():
+            self.trajectory_of(r).memory.add(memory)
+        for (r, swap), memory in fitted.swapped.items():
+            self.swapped_trajectory(r, swap).memory.add(memory)
 
     @cached_property
     def omegas(self) -> Array:

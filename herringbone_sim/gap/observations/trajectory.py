@@ -35,11 +35,11 @@ from herringbone_sim.gap.observations.shooting import (
     stacked_residual,
     window_jacobian,
 )
-from herringbone_sim.gap.observations.state_memory import Failure, Key, StateMemory
 from herringbone_sim.gap.observations.window_columns import (
     nuisance_columns,
     window_columns,
 )
+from herringbone_sim.gap.observations.window_memory import Failure, Key, StateMemory
 from herringbone_sim.gap.observations.window_restarts import (
     Group,
     misfits,
@@ -248,7 +248,7 @@ class Trajectory(ForcedWindows):
         return other
 
     def with_own_memory(self) -> Trajectory:
-        """Copy that keeps the states which it fits from this one."""
+        """Copy whose fits this trajectory does not remember."""
         other = copy.copy(self)
         other.memory = self.memory.copy()
         return other
