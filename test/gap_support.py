@@ -17,22 +17,22 @@ from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.effects.stepper import simulate
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun
-from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_columns import window_columns
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.mesh_law import LawChange
+from herringbone_sim.gap.observations.windows.columns import window_columns
+from herringbone_sim.gap.observations.windows.shooting import WindowSolution
+from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.report import SCHEMA, Report
 from herringbone_sim.gap.report_file import METRICS
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 from herringbone_sim.gap.verification.senses import SENSES
 from herringbone_sim.gap.verification.serialise import NUMBERS
-from herringbone_sim.gap.verification.verify import Gap, RunGap
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import PracticeCampaign, make_campaign
 from herringbone_sim.practice.plan import draw_plan
@@ -171,7 +171,7 @@ def a_report(verdict: Verdict | None = None, **more: Any) -> Report:
 def practised(seed: int, effect: str, runs: int = 5) -> GearMachine:
     """Some runs of a practice rig of which three rotations are recorded, d = 10."""
     made = as_prepared(make_campaign(draw_plan(seed, effect, d=10.0, channels="few")))
-    return GearMachine(Gear(made.of_role("fit")[:runs]))
+    return GearMachine(GearObservations(made.of_role("fit")[:runs]))
 
 
 def no_effect(machine: GearMachine) -> Score:
@@ -181,7 +181,9 @@ def no_effect(machine: GearMachine) -> Score:
     return Score(machine.base, np.zeros(n), none, none, none, 1.0, 0.0, 1.0, {})
 
 
-def column_of(trajectory: Trajectory, gear: Gear, shot: WindowSolution, name: str) -> np.ndarray:
+def column_of(
+    trajectory: Trajectory, gear: GearObservations, shot: WindowSolution, name: str
+) -> np.ndarray:
     """Response (rows,) of windows to a function, at states that are kept."""
     trajectory.block(shot, lambda m: LawChange(), gear.law_functions, (name,))
     solution, now, m = trajectory.last_linearisation

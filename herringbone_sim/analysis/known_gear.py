@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.analysis.pipeline import Gear
+from herringbone_sim.analysis.pipeline import GearData
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.integrate import largest_exponent
@@ -35,7 +35,7 @@ FROM_POINT = ("K", "delta_T", "T_1", "xi", "control_phase")
 Sets = Sequence[tuple[Active, ...]]
 
 
-def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),)) -> Gear:
+def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),)) -> GearData:
     """Gear data of a parameter set for the analysis of a run; an empty set gives an unknown gear.
 
     Args:
@@ -49,13 +49,13 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),))
     """
     known = {name: value for name, value in parameters.items() if name in names()}
     if not known:
-        return Gear()
+        return GearData()
     with warnings.catch_warnings():
         # The gear exists, so warnings that it is implausible do not help.
         warnings.simplefilter("ignore", ParameterWarning)
         p = from_mapping(known)
         model = build(p)
-    return Gear(
+    return GearData(
         b_c_m=model.scales.b_c,
         omega_n=model.scales.omega_n,
         base={name: float(getattr(p, name)) for name in FROM_POINT}

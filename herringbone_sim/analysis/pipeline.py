@@ -50,7 +50,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Gear:
+class GearData:
     """Data of the gear that the samples do not contain.
 
     Attributes:
@@ -127,7 +127,7 @@ def analyze_series(
     series: TimeSeries,
     changes: Sequence[Change] = (),
     options: Options | None = None,
-    gear: Gear | None = None,
+    gear: GearData | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[SegmentResult]:
     """Cut a run at its parameter changes and analyse each segment.
@@ -142,7 +142,7 @@ def analyze_series(
     Raises:
         AnalysisError: too short, no phase, no finite displacement.
     """
-    options, gear = options or Options(), gear or Gear()
+    options, gear = options or Options(), gear or GearData()
     motion = motion_of(series)
     segments = cut(series, motion, changes, gear.base)
     noise = sample_noise(motion, options.noise_share)
@@ -159,7 +159,7 @@ def analyze_segment(
     number: int,
     sample_noise: tuple[Array, Array],
     options: Options,
-    gear: Gear,
+    gear: GearData,
 ) -> SegmentResult:
     """Analyse one segment of a run; a result that can't be computed is NaN or None.
 
@@ -169,7 +169,7 @@ def analyze_segment(
         number: of the segment within the run.
         sample_noise: RMS noise of the samples, see ``sample_noise``.
         options: see ``Options``.
-        gear: see ``Gear``.
+        gear: see ``GearData``.
     """
     segment_motion = motion.rows(segment.start, segment.stop)
     scales = _scales(segment_motion)
@@ -284,7 +284,7 @@ def _exponent(points: Array, segment: Segment, period: Period, noise: float) -> 
 
 
 def _model_exponent(
-    segment: Segment, section: Section, gear: Gear, rate: float
+    segment: Segment, section: Section, gear: GearData, rate: float
 ) -> tuple[float, float]:
     """Largest exponent of the model per mesh cycle and its standard error; NaN if unknown.
 

@@ -51,7 +51,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Track:
+class ParameterHistory:
     """Values of one parameter over a run.
 
     ``values[i]`` is in force from row ``rows[i]`` on; ``rows[0]`` is 0.
@@ -96,7 +96,7 @@ def cut(
 
 def _tracks(
     series: TimeSeries, motion: Motion, changes: Sequence[Change], base: Mapping[str, float]
-) -> list[Track]:
+) -> list[ParameterHistory]:
     """Tracks of all parameters: from channels, from the mesh frequency, from given changes."""
     columns = [name for name in COLUMNS if name in series and np.isfinite(series[name]).all()]
     tracks = [_track_of_column(name, series[name], motion) for name in columns]
@@ -106,19 +106,19 @@ def _tracks(
     return tracks + [_track_of_events(name, series.times, changes, base) for name in named]
 
 
-def _track_of_column(name: str, values: Array, motion: Motion) -> Track:
-    """Track of a parameter that is a channel (n,); constant at its mean if it is a measurement."""
+def _track_of_column(name: str, values: Array, motion: Motion) -> ParameterHistory:
+    """History of a parameter that is a channel (n,); constant at its mean if it is measured."""
     steps = np.diff(values)
     rows = np.flatnonzero(steps) + 1
     both_ways = rows.size and 0.1 < np.mean(steps[rows - 1] > 0) < 0.9
     if both_ways and rows.size > max(motion.cycles, 8):
-        return Track(name, np.zeros(1, np.intp), np.array([values.mean()]))
+        return ParameterHistory(name, np.zeros(1, np.intp), np.array([values.mean()]))
     rows = np.concatenate(([0], rows))
-    return Track(name, rows, values[rows])
+    return ParameterHistory(name, rows, values[rows])
 
 
-def _track_of_frequency(motion: Motion) -> Track:
-    """Track of the mesh frequency [Hz], with a new value from each row where it jumps.
+def _track_of_frequency(motion: Motion) -> ParameterHistory:
+    """ParameterHistory of the mesh frequency [Hz], with a new value from each row where it jumps.
 
     A jump is a relative change of the slope of the phase from sample to sample by more than 1e-6
     plus 20 times the median of such changes. Those at gaps in the phase do not count.
@@ -132,13 +132,13 @@ def _track_of_frequency(motion: Motion) -> Track:
     gaps = _gaps(motion)
     rows = rows[~np.isin(rows, np.concatenate((gaps - 1, gaps)))]
     rows = np.concatenate(([0], rows)).astype(np.intp)
-    return Track(FREQUENCY, rows, slopes[np.minimum(rows, len(slopes) - 1)])
+    return ParameterHistory(FREQUENCY, rows, slopes[np.minimum(rows, len(slopes) - 1)])
 
 
 def _track_of_events(
     name: str, times: Array, changes: Sequence[Change], base: Mapping[str, float]
-) -> Track:
-    """Track of a parameter from its given changes.
+) -> ParameterHistory:
+    """ParameterHistory of a parameter from its given changes.
 
     A change acts from the first sample at or after its time. Changes to the value that is in
     force already are ignored.
@@ -158,7 +158,7 @@ def _track_of_events(
             else:
                 rows.append(row)
                 values.append(change[name])
-    return Track(name, np.array(rows), np.array(values, dtype=float))
+    return ParameterHistory(name, np.array(rows), np.array(values, dtype=float))
 
 
 def _gaps(motion: Motion) -> Rows:
@@ -167,7 +167,7 @@ def _gaps(motion: Motion) -> Rows:
     return np.flatnonzero(steps > max(3 * float(np.median(steps)), 0.25)) + 1
 
 
-def _cuts_of(track: Track, motion: Motion) -> tuple[Rows, list[tuple[int, int, str]]]:
+def _cuts_of(track: ParameterHistory, motion: Motion) -> tuple[Rows, list[tuple[int, int, str]]]:
     """Rows at which one parameter cuts the run, and its ramps as (first row, last row, name)."""
     rows, moving = track.rows[1:], []
     is_cut = np.ones(len(rows), dtype=bool)
@@ -195,7 +195,7 @@ def _one_way_runs(steps: Array) -> list[tuple[int, int]]:
 def _segment(
     start: int,
     stop: int,
-    tracks: Sequence[Track],
+    tracks: Sequence[ParameterHistory],
     ramps: Sequence[tuple[int, int, str]],
     motion: Motion,
 ) -> Segment:
@@ -212,12 +212,12 @@ def _segment(
     return Segment(start, stop, point, cycles, ramp, ends)
 
 
-def _value(track: Track, row: int) -> float:
+def _value(track: ParameterHistory, row: int) -> float:
     """Value of a parameter in force at a row."""
     return float(track.values[np.searchsorted(track.rows, row, "right") - 1])
 
 
-def _mean(track: Track, start: int, stop: int) -> float:
+def _mean(track: ParameterHistory, start: int, stop: int) -> float:
     """Mean of a parameter over rows, weighted by the number of rows that each value holds."""
     first = int(np.searchsorted(track.rows, start, "right")) - 1
     last = int(np.searchsorted(track.rows, stop, "left"))

@@ -18,7 +18,7 @@ from herringbone_sim.errors import listed
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding, finding_texts
-from herringbone_sim.gap.feasible import feasible_observations
+from herringbone_sim.gap.feasible_observations import feasible_observations
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import NOMINAL
 from herringbone_sim.recording.load import iter_sample_blocks

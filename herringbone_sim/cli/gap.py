@@ -23,14 +23,14 @@ from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
-from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.report import Estimate, Report
 from herringbone_sim.gap.report_file import write_report
-from herringbone_sim.gap.residuals.residual import ForceResidual, force_residual
+from herringbone_sim.gap.residuals.force_law import ForceResidual, force_residual
 from herringbone_sim.gap.verdict.augmented import save_augmented
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.residual_gap import Gap
 from herringbone_sim.gap.verification.serialise import forces_to_dict
-from herringbone_sim.gap.verification.verify import Gap
 from herringbone_sim.recording.campaign import Campaign, CampaignRun, read_campaign
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.reader import read_recording

@@ -15,9 +15,9 @@ from typing import Annotated
 
 from herringbone_sim.cli.options import File, Folder, Out, progress
 from herringbone_sim.gap.data.prepare import prepare
-from herringbone_sim.gap.repeat import Repetition, repeat
+from herringbone_sim.gap.further_runs import Repetition, repeat
 from herringbone_sim.gap.report_file import read_report
-from herringbone_sim.gap.verification.verify import GapNumbers
+from herringbone_sim.gap.verification.residual_gap import GapNumbers
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.pages.gap.senses import write_verify_page

@@ -132,12 +132,19 @@ class Directions:
         return [replace(self.model, packed=packed) for packed in self._gears]
 
     def to_kernel(self, y: Array, columns: Array) -> Array:
-        """Convert columns (p, n_state) at a state y (n_state,) to the kernel's unit of time."""
+        """Derivatives (p, n_state) of a state y (n_state,) as the kernel has them.
+
+        See ``from_kernel``.
+        """
         whole: Array = columns - self.log_frequency_slope[:, None] * velocities(self.model, y)
         return whole
 
     def from_kernel(self, y: Array, columns: Array) -> Array:
-        """Convert columns (..., p, n_state) of the kernel at states (..., n_state) back."""
+        """Derivatives (..., p, n_state) of states (..., n_state) in the model's unit of time.
+
+        In the kernel both neighbours of a parameter have the same mesh frequency, so that their
+        units of time differ: d ln(frequency)/d parameter times the rate is added to the rates.
+        """
         whole: Array = (
             columns + self.log_frequency_slope[:, None] * velocities(self.model, y)[..., None, :]
         )

@@ -79,17 +79,20 @@ def near_best(
 def rank(
     search: Search, catalogue: Sequence[Hypothesis], base_fit: Score | None
 ) -> tuple[Search, Ranking]:
-    """Rank the catalogue and the machine's proposals by linear scores, added to a fit.
+    """Rank hypotheses, each added to a fit, by the leave-one-run-out loss of a linear fit.
 
-    Of each effect only the best places (``MAX_SCREENED_PER_EFFECT``) are ranked, but all that are
-    present or absent, whose response may be far from linear. Where even the best linear fit leaves
-    too much, nonlinear trials come first.
+    Ranked are, of each effect, the ``MAX_SCREENED_PER_EFFECT`` hypotheses that remove most chi2 in
+    a linear fit, all that are present or absent (swapped channels, moving parts), whose response
+    may be far from linear, and all proposals of the machine. If the least loss exceeds
+    ``NONLINEAR_CHI2`` per value, the hypotheses that nonlinear trials find are moved to the head,
+    with the chi2 that the trial leaves in place of the loss.
 
     Args:
         base_fit: fit to which a hypothesis is added, as the base; None: that of ``search.null``.
 
     Returns:
-        Search with the functions of the proposals, and the ranking, best first.
+        Search with the functions of the proposals, and the ranking, best first: loss, hypothesis
+        and start values (p,), those of the base first.
     """
     known = search.null if base_fit is None else base_fit
     fitted_amplitudes = amplitudes(known.coefficients, known.mean, search.runs, search.rows)
@@ -174,26 +177,30 @@ def fit_effects(
     search: Search, starts: Sequence[tuple[Hypothesis, Array]]
 ) -> list[FittedExplanation]:
     """Fit effects exactly, side by side, each alone from its start (p,); see ``fit_effect``."""
-    fits = scores_apart(search, lambda own, given: fit_effect(own, *given).score, starts)
+    fits = scores_in_parallel(search, lambda own, given: fit_effect(own, *given).score, starts)
     return [
         FittedExplanation((h,), replace(score, coefficients=(*search.base, *h.coefficients)))
         for (h, _), score in zip(starts, fits, strict=True)
     ]
 
 
-def scores_apart(
+def scores_in_parallel(
     search: Search, score: Callable[[Search, A], Score], items: Sequence[A]
 ) -> list[Score]:
-    """Scores of items side by side, without coefficients; see ``Machine.fitted_apart``.
+    """Scores of items, fitted in parallel processes, in their order.
+
+    ``coefficients`` of the scores are empty, as they are slow to transfer between processes: the
+    caller, who has them, puts them back. States fitted for one item are no starts for the others;
+    see ``Machine.fitted_in_parallel``.
 
     Args:
-        score: score of an item, by a search; its coefficients are large and known here.
+        score: score of an item, by a search.
     """
 
     def by_machine(machine: Machine, item: A) -> Score:
         return replace(score(search.with_machine(machine), item), coefficients=())
 
-    return search.machine.fitted_apart(by_machine, items)
+    return search.machine.fitted_in_parallel(by_machine, items)
 
 
 def fit_effect(search: Search, hypothesis: Hypothesis, start: Array) -> FittedExplanation:

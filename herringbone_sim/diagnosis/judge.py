@@ -85,7 +85,7 @@ class Explanation:
     Attributes:
         effects: ids; empty for none; ``("unknown",)``; or an effect and ``"unknown"``: that effect
             with something unknown beside it.
-        candidate: its fit; None for unknown; of the effect alone with something unknown beside it.
+        candidate: fit of ``effects`` without ``"unknown"``; None for ``("unknown",)``.
     """
 
     effects: tuple[str, ...]

@@ -27,10 +27,10 @@ class LabelledCampaign:
 
 
 def are_true(explanations: Sequence[Explanation], truth: Sequence[str]) -> Flags:
-    """Mask (k,) of the explanations that are true; none of them may be.
+    """Mask (k,) of the explanations that name exactly the true effects; possibly all False.
 
-    If the truth is a pair that is not among them, either of its effects with something unknown
-    beside it is true.
+    If the truth is a pair that is not among them, both "one of its effects with something unknown
+    beside it" are true.
 
     Args:
         truth: ids of the true effects; empty for none; ``("unknown",)``.

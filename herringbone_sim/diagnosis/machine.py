@@ -69,7 +69,7 @@ class Machine(Protocol):
             hypotheses; none where nothing can be searched.
         """
 
-    def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
+    def restarted_from_other_sizes(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
         """Start values (p,) at which an effect may fit better than it does, with other states.
 
         None where states are not estimated, or none was found.
@@ -105,7 +105,7 @@ class Machine(Protocol):
     def estimates_states(self) -> bool:
         """Whether blocks contain unknown states of motion, fitted anew with every explanation."""
 
-    def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
+    def fitted_in_parallel(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
         """Results of ``fit(machine, item)``, which can be pickled, for each item; side by side.
 
         What ``fit`` changes may be lost, but for states of motion: those fitted for one item are

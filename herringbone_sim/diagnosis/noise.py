@@ -21,12 +21,12 @@ def offset_sds(
     predicted: float,
     noise: Mapping[str, Array] | None = None,
 ) -> tuple[dict[str, Array], float]:
-    """Standard deviation, from run to run, of a constant error of each row.
+    """Standard deviation, from run to run, of a constant error of each of R rows, as drift is.
 
-    Drift of sensors gives each run another offset; an effect, or the bias of a sensor, gives all
-    runs one that goes with load, temperature or speed, or is the same. Offsets count that together
-    explain more than ``MIN_GAIN_PER_VALUE`` a value, or more than noise does and most of what can
-    be predicted. The mean of the runs is not an offset.
+    The mean of the runs is not an offset, as an effect or a bias has it too; what noise gives is
+    taken off. The offsets of all rows are kept if together they explain more than
+    ``MIN_GAIN_PER_VALUE`` per value, or more than chance does and at least ``OFFSET_SHARE`` of
+    ``predicted``.
 
     Args:
         blocks: of each run, about a fit; by observation.

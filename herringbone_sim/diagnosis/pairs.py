@@ -16,7 +16,7 @@ from herringbone_sim.diagnosis.fits import (
     fit_best,
     fit_effects,
     rank,
-    scores_apart,
+    scores_in_parallel,
     screen_all,
 )
 from herringbone_sim.diagnosis.machine import Hypothesis
@@ -63,7 +63,7 @@ def fit_jointly(
         ((a, b), (*a.coefficients, *b.coefficients), start)
         for (a, b), start in list(best.values())[:MAX_FITTED_JOINTLY]
     ]
-    scores = scores_apart(
+    scores = scores_in_parallel(
         search, lambda own, given: own.settled(own.refined(given[1], given[2])), chosen
     )
     fits = [

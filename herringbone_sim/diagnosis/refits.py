@@ -15,7 +15,7 @@ from herringbone_sim.diagnosis.fits import (
     fit_effect,
     fit_effects,
     near_best,
-    scores_apart,
+    scores_in_parallel,
 )
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2, Search
@@ -80,7 +80,7 @@ def fit_anew(search: Search, explanation: FittedExplanation) -> FittedExplanatio
     """Fit a single effect again from the best of trials with new states, while that gains."""
     (hypothesis,) = explanation.hypotheses
     for _ in range(MAX_ANEW):
-        start = search.machine.tried_anew(hypothesis, explanation.score)
+        start = search.machine.restarted_from_other_sizes(hypothesis, explanation.score)
         if start is None:
             break
         again = fit_effect(search, hypothesis, start)
@@ -127,7 +127,7 @@ def better_fits(
         return own.refitted(known) if own.machine.states_improve(at) else known
 
     better = []
-    scores = scores_apart(search, again, explanations)
+    scores = scores_in_parallel(search, again, explanations)
     for f, score in zip(explanations, scores, strict=True):
         fit = replace(f, score=replace(score, coefficients=f.score.coefficients))
         better.append(min(f, fit, key=lambda f: f.loss))

@@ -16,7 +16,7 @@ from herringbone_sim.dynamics.attractors import Attractor
 from herringbone_sim.dynamics.flow import GearFlow, effect_cycles, iterate, settle, symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import lyapunov_spectrum
-from herringbone_sim.dynamics.transverse import SymmetricGrowth, symmetric_exponents
+from herringbone_sim.dynamics.transverse import SymmetryExponents, symmetric_exponents
 from herringbone_sim.dynamics.two_trajectories import DISTANCES, over_distances
 
 TURNING = 200  # periods in which perturbations align with the directions of growth
@@ -45,7 +45,7 @@ class ExponentComparison:
     divergence: float
     distances: Array
     two_trajectories: Array
-    symmetric: SymmetricGrowth | None
+    symmetric: SymmetryExponents | None
     section: Array
     longest: int
     series: Exponent

@@ -21,12 +21,12 @@ from herringbone_sim.errors import AnalysisError
 
 
 @dataclass(frozen=True)
-class SymmetricGrowth:
-    """Growth of perturbations of a symmetric motion.
+class SymmetryExponents:
+    """The k largest Lyapunov exponents of a symmetric motion within the symmetry and across it.
 
     Attributes:
-        within: of symmetric perturbations.
-        transverse: of antisymmetric perturbations.
+        within: exponents (k,) of symmetric perturbations, per unit of the flow's time.
+        transverse: exponents (k,) of antisymmetric perturbations.
     """
 
     within: Growth
@@ -41,7 +41,7 @@ def symmetric_exponents(
     transient: int = 200,
     k: int = 1,
     at: int = 0,
-) -> SymmetricGrowth:
+) -> SymmetryExponents:
     """Compute the k largest exponents within the symmetry and the k largest transverse to it.
 
     Args:
@@ -70,7 +70,7 @@ def symmetric_exponents(
     within, transverse = (
         descending(part, flow.period, y) for part in np.split(logarithms, 2, axis=1)
     )
-    return SymmetricGrowth(within, transverse)
+    return SymmetryExponents(within, transverse)
 
 
 def _split(tangents: Array, exchange: Indices) -> tuple[Array, Array]:

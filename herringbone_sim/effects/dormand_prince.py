@@ -37,7 +37,7 @@ APART = 1e-6  # b_c: half of a central difference, near the root of the rounding
 FAR = 1e9  # b_c: displacement beyond which the motion has diverged
 
 
-class Gear(NamedTuple):
+class CompiledGear(NamedTuple):
     """Data of a gear integrated by laws, as compiled code takes it; s = size of a state."""
 
     e: Any  # ``gear.Kernel``

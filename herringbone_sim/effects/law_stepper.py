@@ -18,7 +18,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.numba_private import entry_point
 from herringbone_sim.core.packed import of_one_type
 from herringbone_sim.core.run import StateArrays
-from herringbone_sim.effects.dormand_prince import Gear, trial
+from herringbone_sim.effects.dormand_prince import CompiledGear, trial
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.effects.rows import advance_cycles, run
 
@@ -56,7 +56,7 @@ class LawStepper(Stepper):
         force = s.b_c * s.omega_n**2 / s.projection
         unit = np.ones(layout.n_state + n_added_states)
         unit[layout.n_state :] = np.resize([s.b_c, s.velocity_m_per_s], n_added_states)
-        self.gear = Gear(
+        self.gear = CompiledGear(
             e=effect_laws.kernel,
             site=effect_laws.site,
             theta=effect_laws.theta,

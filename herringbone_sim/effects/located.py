@@ -71,7 +71,12 @@ def contact_now(m, cycle, phase, y):
 
 @called
 def margin_along(m, cycle, phase, j, v):
-    """Return the derivative of the deflection margin of mesh j along v, at stage 0."""
+    """Derivative [b_c] of the deflection margin of mesh j along v (s,), which is not normalised.
+
+    It is a central difference about the state before the step, ``r.y[0]``, in the present contact
+    states. It overwrites ``r.was``, ``r.along[6]``, row LOW of the margins and the forces in
+    ``m.w``: call ``stage(m, 0, ...)`` afterwards.
+    """
     r, size, derivative = m.r, length(v), 0.0
     for sign in (1.0, -1.0):
         for k in range(v.size):
@@ -239,7 +244,7 @@ def grid_step(m, cycle, phase, h, y, tangents):
     division into blocks. The time in each contact state is added to ``m.r.spent``.
 
     Args:
-        m: ``dormand_prince.Gear``.
+        m: ``dormand_prince.CompiledGear``.
         cycle: mesh cycle.
         phase: mesh phase at the start of the step [rad].
         h: length of the step [tau].

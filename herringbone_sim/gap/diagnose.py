@@ -14,18 +14,18 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.judge import Chance, chances
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.effect_forces import fused_run
-from herringbone_sim.gap.calibrated import Calibrated
-from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.calibrated_fit import Calibrated
+from herringbone_sim.gap.campaign_checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.gap_by_run import RowErrors, gap_of, metric_of
-from herringbone_sim.gap.named import name_effects
-from herringbone_sim.gap.observations import trajectory
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.reconstructed_forces import forces_of_run
-from herringbone_sim.gap.observations.recorded_noise import recorded_noise
+from herringbone_sim.gap.named_effects import name_effects
+from herringbone_sim.gap.observations.calibration.noise_report import recorded_noise
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows import trajectory
+from herringbone_sim.gap.observations.windows.reconstructed_forces import forces_of_run
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensor_calibration import (
     STRIDE,
@@ -36,12 +36,12 @@ from herringbone_sim.gap.sensor_calibration import (
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide, explanation_of
-from herringbone_sim.gap.verdict.design import design
+from herringbone_sim.gap.verdict.experiment_design import design
 from herringbone_sim.gap.verdict.location import residual_by_mesh
 from herringbone_sim.gap.verdict.next_experiment import next_experiment
 from herringbone_sim.gap.verdict.undecidable import nominal_mismatched, undecidable
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 from herringbone_sim.gap.verification.senses import measure_senses
-from herringbone_sim.gap.verification.verify import Gap, RunGap
 
 Say = Callable[[str], None]
 
@@ -146,7 +146,9 @@ def machine_of(campaign: PreparedCampaign, findings: Sequence[Finding]) -> GearM
         AnalysisError: no run of role ``fit``.
     """
     fit = leave_out_folds(_fit_runs(campaign, findings))
-    return GearMachine(Gear(fit, stride=STRIDE, gain_tolerance=assumed_gain_tolerances(campaign)))
+    return GearMachine(
+        GearObservations(fit, stride=STRIDE, gain_tolerance=assumed_gain_tolerances(campaign))
+    )
 
 
 def _fit_runs(campaign: PreparedCampaign, findings: Sequence[Finding]) -> tuple[PreparedRun, ...]:

@@ -17,9 +17,10 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance, with_offsets
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.observations import force_law, trajectory
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.gap.observations import force_law
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows import trajectory
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 
 
 class RowErrors(NamedTuple):

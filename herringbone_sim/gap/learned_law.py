@@ -10,8 +10,8 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.gap.observations.basis import LOADS_M
-from herringbone_sim.gap.observations.events import BUMP, KNOTS
 from herringbone_sim.gap.observations.friction import FRICTION, OF_COULOMB, friction_shapes
+from herringbone_sim.gap.observations.hypotheses.damaged_teeth import BUMP, KNOTS
 
 
 @dataclass(frozen=True)

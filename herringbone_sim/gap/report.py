@@ -12,10 +12,11 @@ from herringbone_sim.effects.channels import names_of
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.learned_law import LearnedLaw
-from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
-from herringbone_sim.gap.observations.recorded_noise import ChannelNoise
+from herringbone_sim.gap.observations.calibration.noise_report import ChannelNoise
+from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
+from herringbone_sim.gap.verification.residual_gap import Gap
 from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.gap.verification.serialise import (
     attractor_to_dict,
@@ -23,7 +24,6 @@ from herringbone_sim.gap.verification.serialise import (
     gap_to_dict,
     senses_to_dict,
 )
-from herringbone_sim.gap.verification.verify import Gap
 
 SCHEMA = "herringbone_sim/gap-report/1"
 OWN_UNIT = "unit of the channel"  # in the catalogue, unit of parameters of sensor effects

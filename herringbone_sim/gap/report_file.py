@@ -11,7 +11,7 @@ from typing import Any
 
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.report import Report
-from herringbone_sim.gap.verification.verify import GapNumbers
+from herringbone_sim.gap.verification.residual_gap import GapNumbers
 from herringbone_sim.recording.safe_json import JsonError, read_json
 
 METRICS = ("force_law", "torque_balance", "consistency", "trajectory")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from herringbone_sim.gap.data.prepared import PreparedCampaign, deciding
-from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies
-from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.tolerances import GAUGE_GAIN_TOLERANCE
-from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
+from herringbone_sim.gap.observations.calibration.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.calibration.copied_channels import drop_common_copies
+from herringbone_sim.gap.observations.calibration.encoder_error import without_encoder_errors
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.hypotheses.tolerances import GAUGE_GAIN_TOLERANCE
+from herringbone_sim.gap.observations.windows.noise import with_noise_of_windows
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 
 STRIDE = 2  # samples from one value of the force law to the next in the search
@@ -43,7 +43,7 @@ def with_learned_noise(campaign: PreparedCampaign) -> PreparedCampaign:
     """
     runs = campaign.runs
     all_known = campaign.noise_known and all(run.means_known for run in runs)
-    if all_known or not Gear(deciding(runs), stride=STRIDE).uses_windows:
+    if all_known or not GearObservations(deciding(runs), stride=STRIDE).uses_windows:
         return campaign
     return replace(campaign, runs=with_noise_of_windows(runs, campaign.noise_known))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
+from herringbone_sim.analysis.pipeline import GearData, Options, SegmentResult, analyze_series
 from herringbone_sim.analysis.sections import Section
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.integrate import State, simulate
@@ -32,7 +32,7 @@ def recorded(point: Point) -> SegmentResult:
     series, _ = simulate(model, CYCLES, start)
     scales = model.scales
     half = by_kind(model.packed.b * scales.b_c)
-    gear = Gear(scales.b_c, scales.omega_n, half_backlash_m=lambda _: half)
+    gear = GearData(scales.b_c, scales.omega_n, half_backlash_m=lambda _: half)
     options = Options(transient_cycles=0, noise_share=0.0)
     (result,) = analyze_series(series, options=options, gear=gear)
     section = _section(model, point.sections, result.section)

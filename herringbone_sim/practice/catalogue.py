@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from herringbone_sim.practice import equip
+from herringbone_sim.practice import apply_causes
+from herringbone_sim.practice.apply_causes import CYCLES
 from herringbone_sim.practice.cause import (
     ALL,
     Cause,
@@ -21,7 +22,6 @@ from herringbone_sim.practice.cause import (
     signed,
     size_as,
 )
-from herringbone_sim.practice.equip import CYCLES
 
 Parameters = dict[str, tuple[Any, str]]
 
@@ -107,29 +107,29 @@ CATALOGUE: dict[str, Kind] = {
         0.05,
         0.5,
         signed(draw_locus),
-        equip.mean_stiffness,
+        apply_causes.mean_stiffness,
         lambda c: {"factor": (1.0 + c.sign * c.size, "-")},
     ),
     "stiffness_harmonic": Kind(
-        "law", 0.05, 0.5, _draw_waves(1), equip.stiffness_harmonic, _wave_parameters("-")
+        "law", 0.05, 0.5, _draw_waves(1), apply_causes.stiffness_harmonic, _wave_parameters("-")
     ),
     "stagger": Kind(
         "law",
         0.05,
         1.0,
         signed(lambda rng: at(side=str(rng.choice(["L", "R"])))),
-        equip.shift,
+        apply_causes.advance_phase,
         size_as("phase", "rad"),
     ),
     "planet_phase": Kind(
-        "law", 0.05, 1.0, signed(_one_planet), equip.shift, size_as("phase", "rad")
+        "law", 0.05, 1.0, signed(_one_planet), apply_causes.advance_phase, size_as("phase", "rad")
     ),
     "tooth_crack": Kind(
         "law",
         0.3,
         0.9,
         _draw_event,
-        lambda p, c, _: equip.event(p, c, 3),
+        lambda p, c, _: apply_causes.event(p, c, 3),
         lambda c: _event_parameters(c, "depth", "-"),
     ),
     "tooth_spall": Kind(
@@ -137,7 +137,7 @@ CATALOGUE: dict[str, Kind] = {
         5e-6,
         6e-5,
         _draw_event,
-        lambda p, c, _: equip.event(p, c, 4),
+        lambda p, c, _: apply_causes.event(p, c, 4),
         lambda c: _event_parameters(c, "height", "m"),
     ),
     "runout": Kind(
@@ -145,7 +145,7 @@ CATALOGUE: dict[str, Kind] = {
         2e-6,
         4e-5,
         _draw_runout,
-        equip.runout,
+        apply_causes.runout,
         lambda c: {
             "amplitude": (c.size, "m"),
             "phase": (c.shape["phase"], "rad"),
@@ -157,7 +157,7 @@ CATALOGUE: dict[str, Kind] = {
         2e-6,
         3e-5,
         signed(_one_planet),
-        equip.pin_position,
+        apply_causes.pin_position,
         size_as("offset", "m"),
     ),
     "backlash_offset": Kind(
@@ -165,7 +165,7 @@ CATALOGUE: dict[str, Kind] = {
         2e-6,
         2e-5,
         signed(_anywhere_or_all),
-        equip.backlash_offset,
+        apply_causes.backlash_offset,
         size_as("offset", "m"),
     ),
     "thermal_backlash": Kind(
@@ -173,7 +173,7 @@ CATALOGUE: dict[str, Kind] = {
         4e-8,
         3e-7,
         signed(draw_kind_locus),
-        equip.thermal_backlash,
+        apply_causes.thermal_backlash,
         size_as("rate", "m/K"),
     ),
     "thermal_stiffness": Kind(
@@ -181,7 +181,7 @@ CATALOGUE: dict[str, Kind] = {
         1e-3,
         1e-2,
         by_kind,
-        equip.thermal_stiffness,
+        apply_causes.thermal_stiffness,
         size_as("rate", "1/K"),
     ),
     "tooth_friction": Kind(
@@ -189,7 +189,7 @@ CATALOGUE: dict[str, Kind] = {
         0.05,
         0.4,
         by_kind,
-        equip.tooth_friction,
+        apply_causes.tooth_friction,
         size_as("mu", "-"),
     ),
     "contact_nonlinearity": Kind(
@@ -197,7 +197,7 @@ CATALOGUE: dict[str, Kind] = {
         0.03,
         0.5,
         by_kind,
-        equip.contact_nonlinearity,
+        apply_causes.contact_nonlinearity,
         lambda c: {"exponent": (1.0 + c.size, "-")},
     ),
     "damping_law": Kind(
@@ -205,18 +205,18 @@ CATALOGUE: dict[str, Kind] = {
         0.3,
         1.0,
         _draw_damping,
-        equip.damping_law,
+        apply_causes.damping_law,
         size_as("share", "-"),
     ),
     "profile_error": Kind(
-        "law", 2e-6, 3e-5, _draw_waves(2), equip.profile_error, _wave_parameters("m")
+        "law", 2e-6, 3e-5, _draw_waves(2), apply_causes.profile_error, _wave_parameters("m")
     ),
     "ring_flexibility": Kind(
         "law",
         1e-11,
         2e-9,
         lambda rng, _: (at("rp"), {"ratio": float(rng.uniform(0.03, 0.1))}),
-        equip.ring_flexibility,
+        apply_causes.ring_flexibility,
         lambda c: {"stiffness": (1.0 / c.size, "N/m"), "damping": (c.shape["ratio"], "-")},
     ),
     "bearing_clearance": Kind(
@@ -224,7 +224,7 @@ CATALOGUE: dict[str, Kind] = {
         1e-6,
         2.5e-5,
         lambda rng, _: (_one_planet(rng), {}),
-        equip.bearing_clearance,
+        apply_causes.bearing_clearance,
         size_as("clearance", "m"),
         least=5e-7,
     ),
@@ -233,7 +233,7 @@ CATALOGUE: dict[str, Kind] = {
         0.2,
         1.5,
         _ripple_draw,
-        equip.torque_ripple,
+        apply_causes.torque_ripple,
         lambda c: {"amplitude": (c.size, "-"), "order": (c.shape["order"], "-")},
     ),
 }

@@ -176,10 +176,14 @@ def _damping(rng: Generator) -> Curve:
     }
 
 
-def damping(curve: Curve) -> Array:
-    """Return the factor (n,) on the share ``c_share`` of a damper, at ``tables.deflections()``.
+def damping_factor(curve: Curve) -> Array:
+    """Return the factor (n,) on the load-dependent part of a damper, at ``tables.deflections()``.
 
-    ``curve``: from ``_damping``; its ``out`` is the factor out of contact.
+    The force of the damper is c v (1 - c_share (1 - factor)).
+
+    Args:
+        curve: from ``_damping``: ``out``, the factor out of contact, and ``steps`` by which it
+            increases with the deflection.
     """
     knots = float(curve["out"]) + np.concatenate([[0.0], np.cumsum(curve["steps"])])
     values: Array = np.interp(GRID, np.linspace(0.0, 1.0, len(knots)), knots)

@@ -54,7 +54,7 @@ def simulate_run(
         per_cycle=plan.samples_per_cycle,
     )
     span = span_of(plan.points[i], sampling.transient + sampling.cycles)
-    p = equipped(rig_model(rig, plan.points[i], span), causes, plan.points[i])
+    p = with_causes(rig_model(rig, plan.points[i], span), causes, plan.points[i])
     return simulate_motion(p, plan.phases[i], plan.starts[i], sampling)
 
 
@@ -94,8 +94,12 @@ def _with_faults(
     return seen
 
 
-def equipped(p: RigModel, causes: tuple[Cause, ...], point: Mapping[str, float]) -> RigModel:
-    """Return the rig model with all causes applied, at an operating point."""
+def with_causes(p: RigModel, causes: tuple[Cause, ...], point: Mapping[str, float]) -> RigModel:
+    """Return the rig model with the causes in meshes and bodies, at an operating point.
+
+    Those in sensors change what is recorded (``distort``), not the rig. point: delta_T [K], K,
+    T_1 [N m], Omega.
+    """
     for cause in causes:
         p = KINDS[cause.internal].apply(p, cause, point)
     return p

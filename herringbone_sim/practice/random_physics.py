@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.practice.apply_causes import CYCLES
 from herringbone_sim.practice.cause import (
     Cause,
     Drawn,
@@ -23,7 +24,6 @@ from herringbone_sim.practice.cause import (
     draw_kind_locus,
     draw_locus,
 )
-from herringbone_sim.practice.equip import CYCLES
 from herringbone_sim.practice.rig_model import BODIES, RigModel
 
 # "turn": angle of a member's revolution; "own": memory state that follows an input with a lag.

@@ -50,7 +50,7 @@ class Constants:
     gamma: float = 1.18e-5
 
     def scaled(self, factors: Mapping[str, float]) -> Constants:
-        """Return the rig with some constants multiplied by factors."""
+        """Return a copy with some constants multiplied by factors [-], by their names."""
         return replace(self, **{name: getattr(self, name) * f for name, f in factors.items()})
 
 

@@ -157,7 +157,17 @@ def random_function(
     t: float,
     own: float,
 ) -> tuple[float, float]:
-    """Return the random function at a mesh state and, for a displacement, its slope by phase."""
+    """Return the random function [-], before ``size``, and its slope by phase [1/rad].
+
+    The slope is 0 unless the function is a displacement; then phase and time count.
+
+    Args:
+        f: deflection [m]; v: its rate [m/s].
+        load: spring force [N].
+        phase: mesh phase [rad], unwrapped.
+        t: time [s].
+        own: memory state [-].
+    """
     q = p.random
     value, slope = -q.mean, 0.0
     turn, share = phase / q.cycles, t / p.span

@@ -10,7 +10,7 @@ from analysis_support import harmonic_series, henon, logistic, mapped_series
 
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.known_gear import gear_of
-from herringbone_sim.analysis.pipeline import Gear, Options, SegmentResult, analyze_series
+from herringbone_sim.analysis.pipeline import GearData, Options, SegmentResult, analyze_series
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
@@ -44,7 +44,7 @@ def test_exponents_per_tau_need_omega_n() -> None:
     series = _staircase(1)
     (bare,) = analyze_series(series)
     assert np.isnan(bare.cycles_per_tau)
-    (scaled,) = analyze_series(series, gear=Gear(omega_n=200 * np.pi))
+    (scaled,) = analyze_series(series, gear=GearData(omega_n=200 * np.pi))
     assert scaled.cycles_per_tau == pytest.approx(1 / (2 * np.pi))
 
 
@@ -55,7 +55,7 @@ def test_the_models_exponent_is_asked_for_with_the_point_and_turned_to_cycles() 
         asked.append(point["K"])
         return -0.01, 0.001
 
-    gear = Gear(omega_n=200 * np.pi, model_exponent=model)  # type: ignore[arg-type]
+    gear = GearData(omega_n=200 * np.pi, model_exponent=model)  # type: ignore[arg-type]
     results = analyze_series(_staircase(3), gear=gear)
     assert asked == [0.0, 0.1, 0.2]
     assert results[0].model_exponent == pytest.approx((-0.02 * np.pi, 0.002 * np.pi))

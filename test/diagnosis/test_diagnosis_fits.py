@@ -47,7 +47,9 @@ class Left:
 
 def with_fits(**known: Any) -> Any:
     """A search with such attributes whose scores are exact, and whose fits are made in turn."""
-    machine = SimpleNamespace(fitted_apart=lambda fit, items: [fit(None, item) for item in items])
+    machine = SimpleNamespace(
+        fitted_in_parallel=lambda fit, items: [fit(None, item) for item in items]
+    )
     search = SimpleNamespace(base=(), settled=lambda score: score, machine=machine)
     search.with_machine = lambda machine: search
     search.__dict__.update(known)
@@ -346,7 +348,7 @@ def test_effects_are_fitted_anew_until_one_explains() -> None:
     known = {id(h.coefficients[0]): effect for effect, h in hypotheses.items()}
     asked = []
 
-    def tried_anew(hypothesis: Hypothesis, fit: Any) -> np.ndarray | None:
+    def restarted_from_other_sizes(hypothesis: Hypothesis, fit: Any) -> np.ndarray | None:
         asked.append(hypothesis.effect)
         return None if asked.count(hypothesis.effect) > 1 else np.ones(1)
 
@@ -355,7 +357,7 @@ def test_effects_are_fitted_anew_until_one_explains() -> None:
         return scored(1000.0 * losses[effect] - better[effect])
 
     search: Any = SimpleNamespace(
-        machine=SimpleNamespace(tried_anew=tried_anew),
+        machine=SimpleNamespace(restarted_from_other_sizes=restarted_from_other_sizes),
         refined=refined,
         settled=lambda score: score,
         null=SimpleNamespace(in_sample=np.inf),

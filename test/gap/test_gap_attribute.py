@@ -18,8 +18,8 @@ from herringbone_sim.gap.attribution.effect_forces import (
     force_function_with_effects,
     fused_run,
 )
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.filter_delay import with_delayed_waves

@@ -19,10 +19,10 @@ from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.effect_forces import calibrated_gear_table, fused_run
-from herringbone_sim.gap.data.geometry import coordinates_to_meshes
-from herringbone_sim.gap.data.waves import waves
-from herringbone_sim.gap.named import name_effects
-from herringbone_sim.gap.observations.seats import Seat
+from herringbone_sim.gap.data.kinematics import coordinates_to_meshes
+from herringbone_sim.gap.data.mesh_excitation import waves
+from herringbone_sim.gap.named_effects import name_effects
+from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import (
     Augmented,
@@ -137,7 +137,7 @@ def test_other_orders_of_a_learned_wave_are_effects_too(
 
 def test_a_ring_whose_stiffness_is_hardly_known_has_an_interval_with_an_end() -> None:
     """Stiffness is known by its logarithm; the interval ends where the catalogue's range does."""
-    ring = Seat("ring_flexibility", Locus("rp", "all", "all"), (1e11, 0.1, 0.3, 0.3))
+    ring = MovingPart("ring_flexibility", Locus("rp", "all", "all"), (1e11, 0.1, 0.3, 0.3))
     names = ("present", *ring.names)
     every = tuple(Coefficient(name, 1.0, np.inf, {}) for name in names)
     h = Hypothesis("ring_flexibility", (), ring.locus, every, len(every), ring)

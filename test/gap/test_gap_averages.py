@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from herringbone_sim.gap.data.window import gaussian_window
+from herringbone_sim.gap.data.gaussian_window import gaussian_window
 
 
 @pytest.mark.parametrize("stride", [1, 2, 3, 7])

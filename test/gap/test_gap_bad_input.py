@@ -15,7 +15,7 @@ from gap_support import POINTS, ROLES, noisy, sampled
 from herringbone_sim.__main__ import main
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
-from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.campaign_checks import check
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.recording.campaign import read_campaign

@@ -16,7 +16,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.checks import check
+from herringbone_sim.gap.campaign_checks import check
 from herringbone_sim.gap.data.folds import leave_out_folds
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepare import (
@@ -29,8 +29,8 @@ from herringbone_sim.gap.data.prepare import (
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.gap.residuals.foreign_runs import runs_with_other_force_law
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.other_gear import runs_with_other_force_law
 from herringbone_sim.gap.sensors.detrended import settle_detrended
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.recording.campaign import CampaignRun

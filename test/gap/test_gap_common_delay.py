@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.observations.common_delay import remove_common_delay
-from herringbone_sim.gap.observations.copied_channels import without_computed
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.calibration.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.calibration.copied_channels import without_computed
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.sensors.filter_delay import longest_delay
 from herringbone_sim.gap.sensors.noise import with_estimated_noise
 from herringbone_sim.practice.arrays import as_prepared
@@ -60,7 +60,7 @@ def test_the_control_is_not_behind_the_filter_of_the_channels() -> None:
     late_s = found[0].delay_rad / found[0].omega_rad_per_s
     lag_s = 1.0 / (of_filter["corner"] * runs[0].model.scales.omega_n)
     assert late_s == pytest.approx(of_filter["delay_s"] + lag_s, rel=0.25)
-    null = Search(GearMachine(Gear(found, gain_tolerance=(0.05,) * 12))).null
+    null = Search(GearMachine(GearObservations(found, gain_tolerance=(0.05,) * 12))).null
     by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
     assert abs(by_name["delay of K"] + late_s - of_filter["delay_s"] - lag_s) < 5e-7
     assert null.in_sample < 1.2 * null.count
@@ -95,10 +95,10 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
     for run in found:
         over = run.omega_rad_per_s / (10.5 * run.model.scales.omega_n)
         assert run.e_share == pytest.approx((1.0 + over**2) ** -0.5, abs=5e-4)
-    null = Search(GearMachine(Gear(found))).null
+    null = Search(GearMachine(GearObservations(found))).null
     by_name = dict(zip((c.name for c in null.coefficients), null.mean, strict=True))
     assert by_name["filter 1"] == pytest.approx((10.0 / 10.5) ** 2, abs=0.15)
-    without = Search(_without_filters(GearMachine(Gear(found)))).null
+    without = Search(_without_filters(GearMachine(GearObservations(found)))).null
     o = "force_law"
     assert null.chi2_by_row[o].sum() < 0.7 * without.chi2_by_row[o].sum()
     assert null.in_sample < 1.2 * null.count

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import build
-from herringbone_sim.gap.data.geometry import (
+from herringbone_sim.gap.data.kinematics import (
     bodies_to_coordinates,
     bodies_to_meshes,
     coordinates_to_meshes,
@@ -19,7 +19,10 @@ from herringbone_sim.gap.data.geometry import (
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.observations import consistency
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies, without_computed
+from herringbone_sim.gap.observations.calibration.copied_channels import (
+    drop_common_copies,
+    without_computed,
+)
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.consistency import geometric_residuals
 from herringbone_sim.gap.sensors.correction import without_channels

@@ -16,7 +16,7 @@ from herringbone_sim.effects.effect import ALL, Active, active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate
 from herringbone_sim.gap.attribution.effect_forces import FusedRun, fused_run
-from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.calibrated_fit import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.augmented import nominal_model
@@ -27,9 +27,7 @@ from herringbone_sim.gap.verdict.candidate_points import (
     value_ranges,
 )
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
-from herringbone_sim.gap.verdict.design import Design, design, leading_explanations
-from herringbone_sim.gap.verdict.next_experiment import next_experiment
-from herringbone_sim.gap.verdict.separation import (
+from herringbone_sim.gap.verdict.discrimination import (
     BALANCE,
     FORCES,
     MOTION,
@@ -37,6 +35,8 @@ from herringbone_sim.gap.verdict.separation import (
     linear_predictions,
     separation,
 )
+from herringbone_sim.gap.verdict.experiment_design import Design, design, leading_explanations
+from herringbone_sim.gap.verdict.next_experiment import next_experiment
 from herringbone_sim.gap.verdict.undecidable import undecidable
 
 Point = Mapping[str, float]

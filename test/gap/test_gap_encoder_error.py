@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from herringbone_sim.arrays import rms
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import force_law
-from herringbone_sim.gap.observations.encoder_error import without_encoder_errors
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import law
+from herringbone_sim.gap.observations.calibration.encoder_error import without_encoder_errors
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.mesh_law import law
 from herringbone_sim.gap.observations.runs import gear_run
 from herringbone_sim.gap.sensor_calibration import STRIDE, without_copies
 from herringbone_sim.practice.arrays import as_prepared
@@ -82,7 +82,7 @@ def test_the_residual_is_that_without_the_errors() -> None:
     the same as about none: the prior of the errors stays about 0."""
     plan = plan_of(Setting(truth="none"), 5)
     run = as_prepared(make_campaign(plan)).runs[0]
-    gear = Gear([run])
+    gear = GearObservations([run])
     motion, model = gear.runs[0].strided, gear.model
     errors = np.full(2 * len(model.layout.bodies), 3e-7)
     turns = motion.phase[:, None] / [

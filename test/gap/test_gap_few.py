@@ -12,7 +12,8 @@ from herringbone_sim.core.model import build
 from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.attribution.channel_sets import (
+from herringbone_sim.gap.attribution.effect_forces import fused_run
+from herringbone_sim.gap.attribution.undecidable_by_channels import (
     FEW,
     FULL,
     NO_FORCE,
@@ -21,9 +22,8 @@ from herringbone_sim.gap.attribution.channel_sets import (
     planets_indistinguishable,
     undecidable_by_channels,
 )
-from herringbone_sim.gap.attribution.effect_forces import fused_run
-from herringbone_sim.gap.calibrated import Calibrated
-from herringbone_sim.gap.observations.gear import Gear
+from herringbone_sim.gap.calibrated_fit import Calibrated
+from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.verdict.decide import NamedExplanation, decide
 from herringbone_sim.gap.verdict.location import residual_by_mesh
@@ -81,8 +81,8 @@ def test_rotations_of_all_bodies_are_followed_by_windows() -> None:
     meshes = whole.model.layout.meshes
     rates = replace(whole, **{q: without(getattr(whole, q), meshes, meshes) for q in "xF"})
     rotations = replace(rates, v=without(whole.v, meshes, meshes))
-    assert Gear([rotations]).observation_names == ("trajectory",)
-    assert "trajectory" not in Gear([rates]).observation_names
+    assert GearObservations([rotations]).observation_names == ("trajectory",)
+    assert "trajectory" not in GearObservations([rates]).observation_names
     cases = [fused_run(rotations, fuse(rotations))]
     assert channel_set(cases) == FEW
     assert "rates of the bodies are worked out" in " ".join(undecidable_by_channels(cases))

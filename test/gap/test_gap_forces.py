@@ -14,9 +14,9 @@ from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.gap_by_run import RowErrors, gap_of
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.reconstructed_forces import (
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows.reconstructed_forces import (
     HALF_90,
     ReconstructedForces,
     forces_of_run,
@@ -50,7 +50,7 @@ def whole(campaign: PreparedCampaign) -> tuple[PreparedRun, ...]:
 @pytest.fixture(scope="module")
 def machine(whole: tuple[PreparedRun, ...]) -> GearMachine:
     """The gear as three encoders show it."""
-    return GearMachine(Gear([of_shafts(run) for run in whole]))
+    return GearMachine(GearObservations([of_shafts(run) for run in whole]))
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_a_gauge_narrows_the_band_of_its_mesh_and_tells_planets_apart(
     meshes = forces.meshes
     others = tuple(m for m in meshes if m != "rp1_L")
     runs = [replace(of_shafts(run), F=without(run.F, meshes, others)) for run in whole]
-    machine = GearMachine(Gear(runs))
+    machine = GearMachine(GearObservations(runs))
     found = reconstructed_forces(machine, runs[AT], calibrated(machine))
     narrower = np.median(found.half, axis=0) / np.median(forces.half, axis=0)
     assert np.argmin(narrower) == meshes.index("rp1_L")
@@ -141,7 +141,7 @@ def test_more_noise_widens_the_band_of_the_run_that_was_held_out(
 def test_forces_are_told_where_windows_are_used_alone(
     whole: tuple[PreparedRun, ...], fit: FittedExplanation
 ) -> None:
-    everything = GearMachine(Gear(whole))
+    everything = GearMachine(GearObservations(whole))
     assert forces_of_run(everything, whole, fit, 1.0) is None
     assert forces_to_dict(None) == {}
 

@@ -11,8 +11,8 @@ from gap_support import NOMINAL, POINTS, noisy, prepared, rig, sampled
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.noise import spectral_floor
-from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, fuse, increments, least_squares
+from herringbone_sim.gap.residuals.noisy_backlash import noisy_backlash
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.data.length import MOST_SAMPLES, usable_part
+from herringbone_sim.gap.data.usable_part import MOST_SAMPLES, usable_part
 
 
 def recording(cycles: float, per_cycle: int) -> TimeSeries:

@@ -16,11 +16,8 @@ from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.evaluate import Motion, forces
 from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.named import NamedEffect, name_effects
+from herringbone_sim.gap.named_effects import NamedEffect, name_effects
 from herringbone_sim.gap.observations import force_law
-from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
-from herringbone_sim.gap.observations.curves import TERM_BUILDERS, hypotheses
-from herringbone_sim.gap.observations.events import KNOTS, Event, event_columns, mesh_delays
 from herringbone_sim.gap.observations.friction import (
     ELASTIC,
     FRICTION,
@@ -29,8 +26,16 @@ from herringbone_sim.gap.observations.friction import (
     friction_of_mesh,
     friction_shapes,
 )
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import MeshMotion
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.hypotheses.coefficients import CoefficientBuilder
+from herringbone_sim.gap.observations.hypotheses.damaged_teeth import (
+    KNOTS,
+    Event,
+    event_columns,
+    mesh_delays,
+)
+from herringbone_sim.gap.observations.hypotheses.meshes import TERM_BUILDERS, hypotheses
+from herringbone_sim.gap.observations.mesh_law import MeshMotion
 
 SIZES = np.array([0.9, 0.4])  # of the moderate size, of an effect's own coefficients
 # Effects of which hypothesis and law of the gear are one function; those of the others are tables
@@ -45,8 +50,8 @@ def run() -> PreparedRun:
 
 
 @pytest.fixture(scope="module")
-def gear(run: PreparedRun) -> Gear:
-    return Gear([run])
+def gear(run: PreparedRun) -> GearObservations:
+    return GearObservations([run])
 
 
 def named(h: Hypothesis, mean: np.ndarray) -> NamedEffect:
@@ -57,7 +62,10 @@ def named(h: Hypothesis, mean: np.ndarray) -> NamedEffect:
 
 
 def both(
-    gear: Gear, h: Hypothesis, main: np.ndarray, departures: Mapping[str, float] | None = None
+    gear: GearObservations,
+    h: Hypothesis,
+    main: np.ndarray,
+    departures: Mapping[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] that the hypothesis adds to the law, and its named effect to the gear.
 
@@ -90,7 +98,9 @@ def slope(fitted: np.ndarray, of_gear: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", sorted(TERM_BUILDERS))
-def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str) -> None:
+def test_a_named_effect_gives_the_force_of_its_hypothesis(
+    gear: GearObservations, name: str
+) -> None:
     """To 2 % where both are one function, else to a fifth; run-out: planets one way round."""
     every = [h for h in hypotheses(CoefficientBuilder(gear), {name}) if h.effect == name]
     found: dict[object, float] = {}
@@ -123,7 +133,7 @@ def test_a_named_effect_gives_the_force_of_its_hypothesis(gear: Gear, name: str)
     ],
 )
 def test_departures_of_a_curve_are_effects_of_the_gear(
-    gear: Gear, name: str, off: dict[str, float]
+    gear: GearObservations, name: str, off: dict[str, float]
 ) -> None:
     """To 5 % of the force that they add; run-out: planets one way round."""
     every = [h for h in hypotheses(CoefficientBuilder(gear), {name}) if h.effect == name]
@@ -142,13 +152,13 @@ def test_departures_of_a_curve_are_effects_of_the_gear(
 def test_a_cold_rig_has_all_hypotheses_too() -> None:
     """At delta_T = 0 nothing thermal can be seen, and its coefficient fits as zero."""
     cold = {**POINTS[0], "delta_T": 0.0}
-    gear = Gear([prepared(sampled({}, cold, 30), cold)])
+    gear = GearObservations([prepared(sampled({}, cold, 30), cold)])
     for h in hypotheses(CoefficientBuilder(gear)):
         assert len(h.coefficients) >= h.n_own, h.effect
         named(h, np.zeros(len(h.coefficients)))
 
 
-def test_what_is_named_can_be_written_and_read(gear: Gear) -> None:
+def test_what_is_named_can_be_written_and_read(gear: GearObservations) -> None:
     for h in hypotheses(CoefficientBuilder(gear)):
         one = named(h, np.array([c.sd for c in h.coefficients]))
         every = (one.active, *one.departures)
@@ -158,7 +168,7 @@ def test_what_is_named_can_be_written_and_read(gear: Gear) -> None:
 
 
 @pytest.mark.parametrize("name", ["tooth_crack", "tooth_spall"])
-def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> None:
+def test_a_named_tooth_gives_the_force_of_its_event(gear: GearObservations, name: str) -> None:
     """Of the same sign and size; the windows differ as straight lines from a cosine."""
     _, late = next(mesh_delays(gear, "sun"))
     event = Event(name, Locus("sp", "all", "L"), "sun", 27.0, 16.0, tuple(late.tolist()))
@@ -171,7 +181,7 @@ def test_a_named_tooth_gives_the_force_of_its_event(gear: Gear, name: str) -> No
 
 @pytest.mark.parametrize(("z_p", "places"), [(24, 1), (25, 3)])
 def test_no_place_of_a_tooth_is_proposed_twice(
-    gear: Gear, monkeypatch: pytest.MonkeyPatch, z_p: int, places: int
+    gear: GearObservations, monkeypatch: pytest.MonkeyPatch, z_p: int, places: int
 ) -> None:
     """Half a turn of a planet with an even number of teeth is a whole number of mesh cycles."""
     monkeypatch.setattr(gear, "model", build(NOMINAL.changed({"z_p": z_p, "z_r": 27 + 2 * z_p})))
@@ -179,7 +189,7 @@ def test_no_place_of_a_tooth_is_proposed_twice(
     assert len(delays) == len(list(mesh_delays(gear, "planet"))) == places
 
 
-def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: Gear) -> None:
+def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: GearObservations) -> None:
     """A peak half a mesh cycle before the start of a turn of the sun is in the 27th."""
     event = Event("tooth_crack", Locus("sp", "1", "L"), "sun", 27.0, 0.1, (0.0,) * 12)
     with_event = gear.with_functions(event.functions(gear, "event"))
@@ -191,7 +201,7 @@ def test_the_position_of_a_tooth_is_within_a_turn_of_its_member(gear: Gear) -> N
     assert found.active.theta[i] == pytest.approx(26.6)
 
 
-def test_the_interval_of_a_position_does_not_go_round(gear: Gear) -> None:
+def test_the_interval_of_a_position_does_not_go_round(gear: GearObservations) -> None:
     event = Event("tooth_crack", Locus("sp", "1", "L"), "sun", 27.0, 0.02, (0.0,) * 12)
     with_event = gear.with_functions(event.functions(gear, "event"))
     h = event.hypothesis(CoefficientBuilder(with_event), "event")
@@ -212,7 +222,7 @@ PINS = "; ".join(f"pin_position@all/{planet}/all:offset=1e-9" for planet in (1, 
     [("tooth_spall", PINS, 1e-9), ("tooth_crack", "mean_stiffness:factor=0.999999", 1e-6)],
 )
 def test_an_event_is_sought_by_the_force_that_it_adds(
-    gear: Gear, kind: str, always: str, size: float
+    gear: GearObservations, kind: str, always: str, size: float
 ) -> None:
     """Per unit of size: of a spall as all pins 1 nm off, of a crack as all k a millionth less."""
     m, model = gear.runs[0].motion, gear.runs[0].run.model
@@ -264,7 +274,9 @@ def test_friction_can_follow_the_spring_force_alone() -> None:
 
 
 @pytest.mark.parametrize("slope_share", [-0.4, 0.0, 1.0])
-def test_the_depth_of_a_damping_law_is_where_it_is_c_v(gear: Gear, slope_share: float) -> None:
+def test_the_depth_of_a_damping_law_is_where_it_is_c_v(
+    gear: GearObservations, slope_share: float
+) -> None:
     """Its curve is -share in the gap and crosses zero at the depth that is named."""
     share = 0.3
     h = next(

@@ -10,10 +10,10 @@ import pytest
 from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
 
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes
 from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.residuals.other_gear import geometry_scales
+from herringbone_sim.gap.residuals.foreign_runs import geometry_scales
 from herringbone_sim.gap.sensors.noise import with_estimated_noise, without_wrong_noise
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

@@ -19,8 +19,8 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.planning.plan import Plan, plan
 from herringbone_sim.gap.planning.summary import (
     effect_summaries,
@@ -56,7 +56,7 @@ def left(sensors: Sequence[str], actives: Sequence[Active]) -> float:
             series = noisy(motion, 0.01, 10 * draw + i)
             names = tuple(n for n in series.names if n in ("t", "phase", *sensors))
             runs.append(prepared(TimeSeries(series.times, series.columns(names), names), point))
-        squares.append(Search(GearMachine(Gear(runs))).null.in_sample)
+        squares.append(Search(GearMachine(GearObservations(runs))).null.in_sample)
     return float(np.mean(squares))
 
 
@@ -76,7 +76,9 @@ def test_the_squares_of_a_plan_are_those_of_recordings(
 ) -> None:
     one = parse_effect(effect)
     search = Search(
-        GearMachine(Gear(simulate_campaign(NOMINAL, TWO, sensors, SensorNoise(), CYCLES).runs))
+        GearMachine(
+            GearObservations(simulate_campaign(NOMINAL, TWO, sensors, SensorNoise(), CYCLES).runs)
+        )
     )
     search = search.onwards(search.machine)
     hypotheses = [

@@ -20,9 +20,9 @@ from herringbone_sim.diagnosis.machine import Hypothesis
 from herringbone_sim.diagnosis.orders import in_best_orders, renamed
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
-from herringbone_sim.gap.observations import planet_orders, trajectory
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows import planet_permutations, trajectory
 
 SEED, RUNS = 372101, 3
 OTHER = 22  # number of an order that moves planets of both sides
@@ -51,13 +51,13 @@ def fit(ordered: Search) -> FittedExplanation:
 
 def test_an_order_takes_planets_with_their_meshes() -> None:
     layout = Layout(3, True)
-    orders = planet_orders.orders(layout)
+    orders = planet_permutations.orders(layout)
     assert len(orders) == 36
     np.testing.assert_array_equal(orders[0], np.arange(9))
     last = orders[-1]  # planets 1 and 3 exchanged on both sides
     moved = [layout.bodies[i] for i in last]
     assert moved[3:] == ["p3_L", "p2_L", "p1_L", "p3_R", "p2_R", "p1_R"]
-    made = planet_orders.renaming(layout, last, ("k of 0", "k of 11", "M_s"))
+    made = planet_permutations.renaming(layout, last, ("k of 0", "k of 11", "M_s"))
     named = {f: layout.meshes[int(g.split()[-1])] for f, g in made.items()}
     assert named == {"k of 0": "sp3_L", "k of 11": "rp1_R"}
 
@@ -95,7 +95,9 @@ def _undoes(one: Mapping[str, str], other: Mapping[str, str]) -> bool:
 
 def test_an_order_without_worth_is_not_taken() -> None:
     """A gear that is as told: the states stay as they were fitted."""
-    healthy = GearMachine(Gear([of_shafts(run) for run in rig({}, cycles=40).runs[:1]]))
+    healthy = GearMachine(
+        GearObservations([of_shafts(run) for run in rig({}, cycles=40).runs[:1]])
+    )
     start = Search(healthy)
     assert in_best_orders(start, healthy.hypotheses()) is healthy
 
@@ -107,10 +109,10 @@ def test_another_run_is_ordered_as_the_effect_needs(
     run = ordered.machine.gear.runs[1].run  # type: ignore[attr-defined]
     left = []
     for order in (0, OTHER):
-        fresh = GearMachine(Gear([run])).reordered([order])
+        fresh = GearMachine(GearObservations([run])).reordered([order])
         fresh = fresh.ordered_for(fit.hypotheses, fit.score.mean)
         left.append(_chi2(fresh, fit.hypotheses, fit.score.mean))
-    nominal = _chi2(GearMachine(Gear([run])), (), fit.score.mean[: len(ordered.base)])
+    nominal = _chi2(GearMachine(GearObservations([run])), (), fit.score.mean[: len(ordered.base)])
     assert max(left) < 0.9 * nominal
     assert left[1] == pytest.approx(left[0], rel=0.05)
 
@@ -120,7 +122,7 @@ def test_a_run_without_shafts_is_left_as_it_is(ordered: Search, fit: FittedExpla
     run = ordered.machine.gear.runs[1].run  # type: ignore[attr-defined]
     layout = run.model.layout
     empty = replace(run, u=without(run.u, layout.bodies, layout.bodies))
-    machine = GearMachine(Gear([run])).for_runs([run, empty])
+    machine = GearMachine(GearObservations([run])).for_runs([run, empty])
     there = machine.ordered_for(fit.hypotheses, fit.score.mean)
     assert _chi2(there, (), fit.score.mean[: len(ordered.base)]) > 0.0
     assert not there.gear.has_windows_of(1)
@@ -142,7 +144,9 @@ def test_a_size_far_off_is_found_with_states_of_its_own(
     n = len(ordered.base)
     stuck = fit.score.mean.copy()
     stuck[n:] *= 0.4
-    start = ordered.machine.tried_anew(runout(ordered), replace(fit.score, mean=stuck))
+    start = ordered.machine.restarted_from_other_sizes(
+        runout(ordered), replace(fit.score, mean=stuck)
+    )
     assert start is not None
     size = np.linalg.norm(fit.score.mean[n : n + 2])
     assert 0.6 < np.linalg.norm(start[n : n + 2]) / size < 1.7

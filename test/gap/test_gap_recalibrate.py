@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from gap_support import rig
 
-from herringbone_sim.gap.residuals.balance import (
-    averaged_measured_force,
-    quadrature_correction,
-    torque_balance,
-    window_of,
-)
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import (
     BOUNDS,
     force_function,
     force_law,
     recalibrate,
+)
+from herringbone_sim.gap.residuals.torque_balance import (
+    averaged_measured_force,
+    quadrature_correction,
+    torque_balance,
+    window_of,
 )
 
 OWN = {

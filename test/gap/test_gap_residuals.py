@@ -12,21 +12,25 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import build
 from herringbone_sim.core.right_hand_side import accelerate
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign
-from herringbone_sim.gap.residuals.balance import (
+from herringbone_sim.gap.residuals.balance_without_forces import (
+    fused_noise,
+    motion_balance,
+    recalibrate_motion,
+)
+from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.residuals.recalibrate import (
+    force_function,
+    force_law,
+    recalibrate,
+)
+from herringbone_sim.gap.residuals.torque_balance import (
     Balance,
     averaged_measured_force,
     inertia_parts,
     quadrature_correction,
     torque_balance,
 )
-from herringbone_sim.gap.residuals.balance import window_of as look_of
-from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.residuals.motion import fused_noise, motion_balance, recalibrate_motion
-from herringbone_sim.gap.residuals.recalibrate import (
-    force_function,
-    force_law,
-    recalibrate,
-)
+from herringbone_sim.gap.residuals.torque_balance import window_of as look_of
 
 OWN = {"k_m_sp": 1.5e9 * 1.012, "e_factor": [0.983] * 6 + [1.011] * 6, "I_p": 0.007 * 1.015}
 

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
-from herringbone_sim.gap.observations.rollout import STATES, Forcing, WindowIntegrator
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, inverse_masses
+from herringbone_sim.gap.observations.windows.integrator import STATES, Forcing, WindowIntegrator
 
 STEPS, WINDOWS, EVERY = 30, 37, 3  # windows: two full batches of lanes, and five left
 MODEL = build(Parameters(model="full"))

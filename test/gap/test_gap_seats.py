@@ -15,13 +15,22 @@ from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.diagnose import diagnose, machine_of
 from herringbone_sim.gap.observations.body_motion import body_loads
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, law
-from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.hypotheses.moving_part_grid import (
+    GRIDS,
+    PartTrial,
+    best_parts,
+    proposals,
+)
+from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
+    MeshLoads,
+    SeatSpring,
+    motions,
+)
+from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, PartDrive
+from herringbone_sim.gap.observations.mesh_law import LawChange, law
 from herringbone_sim.gap.observations.runs import gear_run
-from herringbone_sim.gap.observations.seat_grid import GRIDS, PartTrial, best_seats, proposals
-from herringbone_sim.gap.observations.seat_motion import MeshLoads, SeatSpring, motions
-from herringbone_sim.gap.observations.seats import PartDrive, Seat
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -153,17 +162,17 @@ def test_a_ring_on_its_spring_removes_most_where_no_forces_are_recorded() -> Non
 
 def test_a_part_that_could_explain_nothing_relevant_is_not_refined() -> None:
     """Of a rig without effect; the grids are tried all the same."""
-    gear = Gear(list(rig({}, cycles=20).runs))
+    gear = GearObservations(list(rig({}, cycles=20).runs))
     known = Search(GearMachine(gear)).null
     unrefined = proposals(gear, {}, known)
     thetas = {theta for effect, grid in GRIDS for theta in grid}
     assert len(unrefined) == len(GRIDS)
-    assert {seat.theta for seat in unrefined} <= thetas
+    assert {part.theta for part in unrefined} <= thetas
     trial = PartTrial(gear, {}, known)
-    refined = best_seats(trial, -np.inf)
-    assert {seat.theta for seat in refined} - thetas
+    refined = best_parts(trial, -np.inf)
+    assert {part.theta for part in refined} - thetas
     relevant = MIN_GAIN_PER_VALUE * known.count
-    assert max(seat.measured_gain for seat in refined) < relevant
+    assert max(part.measured_gain for part in refined) < relevant
 
 
 def test_the_grids_miss_little_of_a_part_that_is_there(ring_campaign) -> None:  # type: ignore[no-untyped-def]
@@ -173,20 +182,20 @@ def test_the_grids_miss_little_of_a_part_that_is_there(ring_campaign) -> None:  
     about = amplitudes(null.base, null.null.mean, null.runs, null.rows)
     trial = PartTrial(machine.gear, about, null.null)
     unrefined, refined = (
-        max(seat.measured_gain for seat in best_seats(trial, least)) for least in (np.inf, -np.inf)
+        max(part.measured_gain for part in best_parts(trial, least)) for least in (np.inf, -np.inf)
     )
     assert unrefined < refined < 2.0 * unrefined
 
 
 def test_two_parts_at_one_place_are_driven_each_by_its_own_meshes() -> None:
     """Of a planet a ring takes the ring meshes, a pin all; the same part again is not formed."""
-    gear = Gear(list(rig({}, cycles=20).runs[:1]))
+    gear = GearObservations(list(rig({}, cycles=20).runs[:1]))
     trial = PartTrial(gear, {}, no_effect(GearMachine(gear)))
     place = Locus("all", "2", "all")
-    ring = Seat("ring_flexibility", place, (1e10, 0.05, 0.3, 0.3))
-    pin = Seat("bearing_clearance", place, (1e-5, 1e11, 0.1, 0.05, 0.3, 1.0))
+    ring = MovingPart("ring_flexibility", place, (1e10, 0.05, 0.3, 0.3))
+    pin = MovingPart("bearing_clearance", place, (1e-5, 1e11, 0.1, 0.05, 0.3, 1.0))
     (run,) = trial._runs
-    of_ring, of_pin = (trial._drive(run, seat) for seat in (ring, pin))
+    of_ring, of_pin = (trial._drive(run, part) for part in (ring, pin))
     assert (of_ring.meshes_mask.sum(), of_pin.meshes_mask.sum()) == (2.0, 4.0)
     assert trial._drive(run, ring) is of_ring
 

@@ -17,11 +17,15 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verification.horizon import LYAPUNOV_TIMES, horizon_of, largest_exponent
+from herringbone_sim.gap.verification.residual_gap import residual_gap
 from herringbone_sim.gap.verification.senses import Senses, measure_senses
 from herringbone_sim.gap.verification.serialise import gap_to_dict, senses_to_dict
+from herringbone_sim.gap.verification.short_prediction import (
+    LYAPUNOV_TIMES,
+    horizon_of,
+    largest_exponent,
+)
 from herringbone_sim.gap.verification.simulator import simulator_of
-from herringbone_sim.gap.verification.verify import residual_gap
 
 SIZE = 1.12
 TRUTH = Augmented(

@@ -18,11 +18,14 @@ from herringbone_sim.effects.channels import between
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.gap.gap_by_run import RowErrors, gap_of
-from herringbone_sim.gap.observations import balance, consistency
-from herringbone_sim.gap.observations.copied_channels import drop_common_copies, without_computed
+from herringbone_sim.gap.observations import consistency, torque_balance
+from herringbone_sim.gap.observations.calibration.copied_channels import (
+    drop_common_copies,
+    without_computed,
+)
 from herringbone_sim.gap.observations.force_law import slope
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.runs import gear_run, polynomial_rates
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
@@ -35,7 +38,7 @@ from herringbone_sim.gap.residuals.fusion import (
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.consistency import error_signals, relations
 from herringbone_sim.gap.sensors.correction import without_channels, without_sensor_error
-from herringbone_sim.gap.verification.verify import RunGap
+from herringbone_sim.gap.verification.residual_gap import RunGap
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
 from herringbone_sim.practice.plan import RequestedNoise, draw_plan
@@ -140,7 +143,9 @@ def test_a_gauge_that_one_run_lacks_may_be_off_in_the_others() -> None:
         for run in (first, third)
     )
     machine = GearMachine(
-        Gear([runs[0], second.without("F", np.arange(12) == j)], gain_tolerance=(0.05,) * 12)
+        GearObservations(
+            [runs[0], second.without("F", np.arange(12) == j)], gain_tolerance=(0.05,) * 12
+        )
     )
     search = Search(machine)
     fit = search.settled(search.null)
@@ -174,9 +179,11 @@ def test_gratings_off_centre_are_no_finding_where_forces_come_from_the_law() -> 
     """
     setting = Setting(noise=("encoders_two",), channels=("no_force",), truth="none")
     runs = [r for r in as_prepared(make_campaign(plan_of(setting, 4))).runs if r.role == "fit"]
-    search = Search(GearMachine(Gear([without_computed(run) for run in runs[:3]])))
+    search = Search(GearMachine(GearObservations([without_computed(run) for run in runs[:3]])))
     made = amplitudes(search.base, search.null.mean, search.runs, search.rows)
-    blocks = [b[balance.NAME] for b in search.machine.blocks(made, {}, (balance.NAME,))]
+    blocks = [
+        b[torque_balance.NAME] for b in search.machine.blocks(made, {}, (torque_balance.NAME,))
+    ]
     bare = [
         replace(b, shared=np.zeros((0, *b.shared.shape[1:])), shared_sd=np.zeros(0))
         for b in blocks
@@ -255,14 +262,14 @@ def test_the_floor_of_untold_noise_is_no_more_than_what_is_left() -> None:
     of so short a run tells."""
     campaign = rig({}, cycles=30)
     loud = [replace(run, F=replace(run.F, sigma=5.0 * run.F.sigma)) for run in campaign.runs]
-    machine = GearMachine(Gear(loud))
+    machine = GearMachine(GearObservations(loud))
     none = FittedExplanation((), Search(machine).null)
     told, untold, right = (
         gap_of(whole, replace(campaign, noise_known=known), "force_law", none, None).runs
         for whole, known in (
             (machine, True),
             (machine, False),
-            (GearMachine(Gear(campaign.runs)), True),
+            (GearMachine(GearObservations(campaign.runs)), True),
         )
     )
     for a, b, c in zip(told, untold, right, strict=True):
@@ -286,10 +293,10 @@ def test_hum_and_offsets_of_sensors_are_neither_gap_nor_noise() -> None:
         )
         for run in campaign.runs
     ]
-    none = FittedExplanation((), Search(GearMachine(Gear(campaign.runs))).null)
+    none = FittedExplanation((), Search(GearMachine(GearObservations(campaign.runs))).null)
 
     def gap(runs: Sequence[PreparedRun], offsets: Array | None) -> tuple[RunGap, ...]:
-        machine, errors = GearMachine(Gear(runs)), RowErrors(offsets=offsets)
+        machine, errors = GearMachine(GearObservations(runs)), RowErrors(offsets=offsets)
         return gap_of(machine, campaign, "force_law", none, None, None, errors).runs
 
     allowed = np.full(12, 1.0)

@@ -15,9 +15,9 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.sensor_errors import PARAMETER_NAMES
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.hypotheses.sensors import PARAMETER_NAMES
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.consistency import (
@@ -191,7 +191,7 @@ def test_an_exchange_is_whole_or_none() -> None:
     made = make_campaign(draw_plan(640500, "none", noise=RequestedNoise("coloured")))
     campaign = calibrated_sensors(with_few_runs(as_prepared(made)))
     names = ("x_sp1_L", "x_sp3_L")
-    machine = GearMachine(Gear(campaign.of_role("fit"), stride=2, swap=names))
+    machine = GearMachine(GearObservations(campaign.of_role("fit"), stride=2, swap=names))
     search = Search(machine)
     none = search.settled(search.null)
     (exchange,) = [h for h in machine.hypotheses() if dict(h.options).get("channels") == names]

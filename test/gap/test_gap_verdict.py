@@ -16,7 +16,7 @@ from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
-from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.calibrated_fit import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.gap_by_run import metric_of
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict, decide

@@ -19,15 +19,15 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.attribution.effect_torques import effect_accelerations
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.repeat import repeat
+from herringbone_sim.gap.further_runs import repeat
 from herringbone_sim.gap.report_file import StoredReport, read_report
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
 from herringbone_sim.gap.sensors.correction import correct_sensors, is_motion_sensor_effect
 from herringbone_sim.gap.verdict.augmented import Augmented
+from herringbone_sim.gap.verification.residual_gap import residual_gap
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.gap.verification.verify import residual_gap
 from herringbone_sim.recording.parameter_file import load_gear
 from herringbone_sim.recording.writer import RunWriter
 
@@ -197,7 +197,7 @@ def test_a_delay_of_all_channels_is_no_gap_of_further_runs(
     report = StoredReport("rig", "none", (), "force_law", {})
     # The other senses are not looked at, and take longest.
     monkeypatch.setattr(
-        "herringbone_sim.gap.repeat.measure_senses",
+        "herringbone_sim.gap.further_runs.measure_senses",
         lambda runs, correct, gap, *_: Senses(gap, gap, gap),
     )
     (found,) = repeat(campaign, NOMINAL, (), report).senses.residual.runs

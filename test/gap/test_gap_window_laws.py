@@ -12,15 +12,16 @@ from herringbone_sim.core.model import build
 from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.registry import effects
-from herringbone_sim.gap.observations import window_columns, window_events
 from herringbone_sim.gap.observations.body_motion import rigid_swing
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, MeshMotion, law
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.seats import Seat
-from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import window_channels
-from herringbone_sim.gap.observations.windows import MORE_WINDOWS
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
+from herringbone_sim.gap.observations.mesh_law import LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.windows import columns as window_columns
+from herringbone_sim.gap.observations.windows import damaged_teeth as window_events
+from herringbone_sim.gap.observations.windows.channels import window_channels
+from herringbone_sim.gap.observations.windows.trajectory import Trajectory
+from herringbone_sim.gap.observations.windows.windows import MORE_WINDOWS
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -33,7 +34,7 @@ def test_other_sensors_are_followed_to_their_noise(channels: str) -> None:
     """Each kind of channel keeps about its noise: leverage of the states takes a third of it."""
     made = as_prepared(make_campaign(draw_plan(600001, "none", channels=channels)))
     run = made.of_role("fit")[1]
-    assert Gear([run]).uses_windows
+    assert GearObservations([run]).uses_windows
     one = Trajectory(run)
     shot = one.nominal
     s = one.windows
@@ -129,7 +130,7 @@ def test_what_is_too_large_to_be_linear_is_tried_at_its_size() -> None:
     """
     pin = Active(effects()["pin_position"], (2.2e-5,), Locus(planet="2"))
     whole = rig({}, actives=[pin])
-    gear = Gear([of_shafts(run) for run in whole.runs])
+    gear = GearObservations([of_shafts(run) for run in whole.runs])
     machine = GearMachine(gear)
     null = no_effect(machine)
     kinds = ("stagger", "planet_phase", "mean_stiffness", "thermal_backlash", "pin_position")
@@ -147,8 +148,8 @@ def test_a_soft_ring_is_tried_at_a_third_of_its_proposed_stiffness() -> None:
     """A spring of 1e10 N/m, proposed at 3e10: it leaves least there, and less than soft meshes."""
     ring = Active(effects()["ring_flexibility"], (1e10, 0.05), Locus(mesh="rp"))
     whole = rig({}, actives=[ring])
-    proposed = Seat("ring_flexibility", Locus(mesh="rp"), (3e10, 0.05, 0.01, 0.01))
-    plain = GearMachine(Gear([of_shafts(run) for run in whole.runs]))
+    proposed = MovingPart("ring_flexibility", Locus(mesh="rp"), (3e10, 0.05, 0.01, 0.01))
+    plain = GearMachine(GearObservations([of_shafts(run) for run in whole.runs]))
     machine, parts = plain.with_parts([proposed])
     stiffness = [h for h in machine.hypotheses() if h.effect == "mean_stiffness"]
     null = no_effect(machine)
@@ -166,7 +167,7 @@ def test_a_run_in_a_wrong_minimum_is_begun_anew_once_the_gear_is_calibrated() ->
     """
     setting = Setting(channels=("accelerometers",), d=(3.0,), truth="none")
     machine = GearMachine(
-        Gear(as_prepared(make_campaign(plan_of(setting, 381104))).of_role("fit"))
+        GearObservations(as_prepared(make_campaign(plan_of(setting, 381104))).of_role("fit"))
     )
     calibrated = Search(machine).null
     values = [np.count_nonzero(t.recorded.weight) for t in machine.gear.trajectories]
@@ -177,7 +178,7 @@ def test_a_loose_pin_is_proposed_at_its_planet_from_gauges_in_the_pins() -> None
     """The label says which planet; half of what is above the noise must go with it."""
     plan = draw_plan(381202, "bearing_clearance", d=3.0, channels="shafts_pins", law="catalogue")
     campaign = make_campaign(plan)
-    machine = GearMachine(Gear(as_prepared(campaign).of_role("fit")[:3]))
+    machine = GearMachine(GearObservations(as_prepared(campaign).of_role("fit")[:3]))
     calibrated = Search(machine).null
     _, proposed = machine.proposals({}, calibrated)
     pins = [h for h in proposed if h.effect == "bearing_clearance"]

@@ -10,11 +10,11 @@ import pytest
 from gap_support import practised
 
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.shooting import FittedStates
-from herringbone_sim.gap.observations.window_memory import Failure, StateMemory
-from herringbone_sim.gap.observations.window_restarts import Group
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows.memory import Failure, StateMemory
+from herringbone_sim.gap.observations.windows.restarts import WindowRange
+from herringbone_sim.gap.observations.windows.shooting import FittedStates
 
 
 def states(chi2: float) -> FittedStates:
@@ -42,7 +42,7 @@ def test_a_memory_learns_what_a_copy_fitted_better() -> None:
         copy.known((name,)).keep(states(chi2))
         copy.known(("both",)).keep(states(chi2))
         copy.keep_least(states(chi2))
-        copy.failures.append(Failure(Group(1, 2), chi2, 1))
+        copy.failures.append(Failure(WindowRange(1, 2), chi2, 1))
     assert list(memory.by_key) == [("known",)]
     added = second.since(memory), first.since(memory)
     for new in added:
@@ -52,7 +52,7 @@ def test_a_memory_learns_what_a_copy_fitted_better() -> None:
     assert chi2 == {"known": 9.0, "one": 5.0, "two": 3.0, "both": 3.0}
     assert memory.least is not None
     assert memory.least.cost == 3.0
-    assert memory.failures == [Failure(Group(1, 2), chi2, 1) for chi2 in (3.0, 5.0)]
+    assert memory.failures == [Failure(WindowRange(1, 2), chi2, 1) for chi2 in (3.0, 5.0)]
     assert memory.known(("known",)).best is known
 
 
@@ -83,12 +83,12 @@ def test_states_in_another_order_are_those_of_the_other_bodies() -> None:
 
 
 @pytest.fixture(scope="module")
-def gear() -> Gear:
+def gear() -> GearObservations:
     """Two runs of a healthy practice rig of which three rotations are recorded."""
     return practised(600001, "none", runs=2).gear
 
 
-def test_fits_side_by_side_know_nothing_of_one_another(gear: Gear) -> None:
+def test_fits_side_by_side_know_nothing_of_one_another(gear: GearObservations) -> None:
     """One fit made again and again has the same start; later ones start from its states."""
     machine = GearMachine(gear)
     change = {"trajectory": {"kappa of 0": np.full((machine.runs, 1), 0.02)}}
@@ -98,21 +98,21 @@ def test_fits_side_by_side_know_nothing_of_one_another(gear: Gear) -> None:
         return own.gear.trajectory_of(0).memory.known(key).chi2, own.gear.states(0, change).cost
 
     assert gear.trajectory_of(0).memory.known(key).chi2 == np.inf
-    fits = machine.fitted_apart(fitted, range(5))  # more than one a process
+    fits = machine.fitted_in_parallel(fitted, range(5))  # more than one a process
     assert {before for before, _ in fits} == {np.inf}
     assert {after for _, after in fits} == {gear.trajectory_of(0).memory.known(key).chi2}
 
 
-def test_states_of_exchanged_channels_are_remembered(gear: Gear) -> None:
+def test_states_of_exchanged_channels_are_remembered(gear: GearObservations) -> None:
     """Those of both suns, which move alike; the windows are made by the fit."""
     machine, swap = GearMachine(gear), "swap of u_s_L and u_s_R"
     change = {"trajectory": {swap: np.ones((machine.runs, 1))}}
-    (cost,) = machine.fitted_apart(lambda own, run: own.gear.states(run, change).cost, (1,))
+    (cost,) = machine.fitted_in_parallel(lambda own, run: own.gear.states(run, change).cost, (1,))
     (known,) = gear.swapped_trajectory(1, swap).memory.by_key.values()
     assert known.chi2 == cost
 
 
-def test_states_improve_where_better_ones_were_found(gear: Gear) -> None:
+def test_states_improve_where_better_ones_were_found(gear: GearObservations) -> None:
     """Between two fits under a change, those of one run were in a wrong minimum."""
     machine = GearMachine(gear)
     change = {"trajectory": {"kappa of 1": np.full((machine.runs, 1), 0.02)}}

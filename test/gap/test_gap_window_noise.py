@@ -9,7 +9,7 @@ import pytest
 
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.observations.window_noise import with_noise_of_windows
+from herringbone_sim.gap.observations.windows.noise import with_noise_of_windows
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors, with_learned_noise
 from herringbone_sim.gap.sensors.correction import without_channels
 from herringbone_sim.practice.arrays import as_prepared

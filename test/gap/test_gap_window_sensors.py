@@ -17,15 +17,15 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import active
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.gap.data.prepared import Measured
-from herringbone_sim.gap.observations.coefficients import CoefficientBuilder
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.sensor_errors import window_sensor_errors
-from herringbone_sim.gap.observations.shooting import evaluated, stacked_residual
-from herringbone_sim.gap.observations.trajectory import Trajectory
-from herringbone_sim.gap.observations.window_channels import window_channels
-from herringbone_sim.gap.observations.window_sensors import with_sensor_errors
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.hypotheses.coefficients import CoefficientBuilder
+from herringbone_sim.gap.observations.hypotheses.sensors import window_sensor_errors
+from herringbone_sim.gap.observations.mesh_law import LawChange
+from herringbone_sim.gap.observations.windows.channels import window_channels
+from herringbone_sim.gap.observations.windows.sensor_errors import with_sensor_errors
+from herringbone_sim.gap.observations.windows.shooting import evaluated, stacked_residual
+from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.sensors.correction import correct_sensors, without_sensor_error
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -33,11 +33,11 @@ from herringbone_sim.practice.plan import draw_plan
 
 
 @pytest.fixture(scope="module")
-def gear() -> Gear:
+def gear() -> GearObservations:
     """A healthy practice rig: rotations of suns and carrier, forces of pins, 10 samples."""
     plan = draw_plan(600001, "none", channels="shafts_pins")
     made = make_campaign(replace(plan, samples_per_cycle=10))
-    return Gear(as_prepared(made).of_role("fit"))
+    return GearObservations(as_prepared(made).of_role("fit"))
 
 
 @pytest.mark.parametrize("channel", ["u_s_R", "F_pin2"])
@@ -46,7 +46,7 @@ def gear() -> Gear:
     [("gain", 1e-4, 1e-3), ("bias", 1e-6, 1e-6), ("delay", 1e-8, 5e-3), ("clock", 1e-7, 5e-3)],
 )
 def test_columns_of_sensors_are_what_their_errors_add(
-    gear: Gear, channel: str, error: str, step: float, within: float
+    gear: GearObservations, channel: str, error: str, step: float, within: float
 ) -> None:
     """What is predicted without an error less what is with it: the column, ten samples a cycle."""
     trajectory = gear.trajectories[1]
@@ -60,7 +60,7 @@ def test_columns_of_sensors_are_what_their_errors_add(
 
 @pytest.mark.parametrize("names", [("u_s_L", "u_c"), ("F_pin1", "F_pin3")])
 def test_the_column_of_an_exchange_is_what_it_takes_off(
-    gear: Gear, names: tuple[str, str]
+    gear: GearObservations, names: tuple[str, str]
 ) -> None:
     """At kept states, with the noise of each channel left where it is."""
     trajectory = gear.trajectories[1]
@@ -78,7 +78,9 @@ def test_the_column_of_an_exchange_is_what_it_takes_off(
 
 
 @pytest.mark.parametrize("names", [("u_s_R", "u_c"), ("F_pin2", "F_pin3")])
-def test_the_noise_of_a_channel_is_exchanged_with_it(gear: Gear, names: tuple[str, str]) -> None:
+def test_the_noise_of_a_channel_is_exchanged_with_it(
+    gear: GearObservations, names: tuple[str, str]
+) -> None:
     """Twice exchanged is as it was; a rotation of the carrier is known better than a sun's."""
     run = gear.trajectories[1].run
     back = without_sensor_error(run, "swap", names, 1.0)
@@ -95,7 +97,7 @@ def test_exchanged_accelerometers_are_named() -> None:
     """Any two channels of one kind may be exchanged, not encoders alone."""
     plan = draw_plan(656000, "channel_swap", channels="accelerometers")
     made = make_campaign(plan)
-    machine = GearMachine(Gear(as_prepared(made).of_role("fit")[:3]))
+    machine = GearMachine(GearObservations(as_prepared(made).of_role("fit")[:3]))
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
     ((_, best, _), *_) = machine.nonlinear_trials(ranked, null)
@@ -109,7 +111,7 @@ def test_exchanged_accelerometers_are_named() -> None:
 
 @pytest.mark.parametrize("error", ["delay", "clock"])
 def test_a_channel_later_than_a_window_is_long_is_read_from_the_windows_before(
-    gear: Gear, error: str
+    gear: GearObservations, error: str
 ) -> None:
     """By ten samples: it shows what it showed on time ten samples before, within the jumps."""
     trajectory = gear.trajectories[1]
@@ -167,7 +169,7 @@ def test_a_clock_of_gauges_alone_is_named() -> None:
     """Those of the pins are drawn; the size is known within 5 %."""
     plan = draw_plan(600107, "clock_drift", d=10.0, channels="shafts_pins", law="catalogue")
     made = make_campaign(plan)
-    found = examine(GearMachine(Gear(as_prepared(made).of_role("fit")[:3])))
+    found = examine(GearMachine(GearObservations(as_prepared(made).of_role("fit")[:3])))
     first, of = found.singles[0], made.label["effects"][0]
     assert first.hypotheses[0].effect == "clock_drift"
     assert first.hypotheses[0].options == (("channels", tuple(of["locus"]["channels"])),)
@@ -200,7 +202,7 @@ def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> 
     whole = rig({"k_m_sp": 1.04 * Parameters().k_m_sp}, share=1e-3)
     names = ("u_s_R", "u_c")
     runs = [without_sensor_error(of_shafts(run), "swap", names, 1.0) for run in whole.runs]
-    machine = GearMachine(Gear(runs))
+    machine = GearMachine(GearObservations(runs))
     null = no_effect(machine)
     ranked = [
         (h, np.append(null.mean, [c.sd for c in h.coefficients]))
@@ -212,9 +214,9 @@ def test_exchanged_encoders_are_put_back_on_a_gear_that_is_off_the_nominal() -> 
     assert share < 0.1 * other
 
 
-def test_a_start_at_which_runs_diverge_explains_nothing(gear: Gear) -> None:
+def test_a_start_at_which_runs_diverge_explains_nothing(gear: GearObservations) -> None:
     """With a gain below -1 the weight of a channel is negative, and its column not finite."""
-    search = Search(GearMachine(Gear([run.run for run in gear.runs[:2]])))
+    search = Search(GearMachine(GearObservations([run.run for run in gear.runs[:2]])))
     gain = next(
         h
         for h in search.machine.hypotheses()
@@ -226,7 +228,7 @@ def test_a_start_at_which_runs_diverge_explains_nothing(gear: Gear) -> None:
     assert 0.99 * search.null.in_sample < score.in_sample < 1.01 * search.null.in_sample
 
 
-def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: Gear) -> None:
+def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: GearObservations) -> None:
     """As that of a gain is: pins carry ten thousands of N."""
     pins = [run.run.pin.values for run in gear.runs]
     rms = np.sqrt(np.mean([np.mean(values**2) for values in pins]))
@@ -238,7 +240,7 @@ def test_a_moderate_bias_of_a_pin_is_a_share_of_what_it_carries(gear: Gear) -> N
     assert unit == pytest.approx(0.05 * rms, rel=1e-3)
 
 
-def test_an_error_of_a_sensor_is_of_its_own_planet(gear: Gear) -> None:
+def test_an_error_of_a_sensor_is_of_its_own_planet(gear: GearObservations) -> None:
     """That of the tenth is not of the first, whose number is part of its own."""
     names = ("F_pin10", "F_rp11_R", "u_p12_L", "u_p2_R", "u_c")
     of_many = copy.copy(gear)
@@ -249,14 +251,14 @@ def test_an_error_of_a_sensor_is_of_its_own_planet(gear: Gear) -> None:
     assert planets == ["10", "11", "12", "2", "all"]
 
 
-def test_an_error_of_a_gauge_in_a_tooth_is_no_force_on_the_gear(gear: Gear) -> None:
+def test_an_error_of_a_gauge_in_a_tooth_is_no_force_on_the_gear(gear: GearObservations) -> None:
     """Where windows are fitted, and the displacement of its mesh is not recorded."""
     on = np.arange(12) == 0
     runs = []
     for run in (one.run for one in gear.runs[:2]):
         values = np.where(on, 0.5 * run.pin.values[:, :1], np.nan)
         runs.append(replace(run, F=Measured(values, on, np.where(on, run.pin.sigma[0], np.nan))))
-    machine = GearMachine(Gear(runs))
+    machine = GearMachine(GearObservations(runs))
     names = machine.gear.followed_channels.names
     assert "F_sp1_L" in names
     gains = [h for h in machine.hypotheses() if h.effect == "sensor_gain"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from herringbone_sim.gap.observations.window_states import BlockTridiagonal
+from herringbone_sim.gap.observations.windows.elimination import BlockTridiagonal
 
 W, N = 5, 4
 

@@ -10,22 +10,30 @@ from gap_support import column_of
 
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.data.geometry import inverse_masses
+from herringbone_sim.gap.data.kinematics import inverse_masses
 from herringbone_sim.gap.data.rotations import (
     detrended_rotations,
     with_rotations,
     without_angles_not_in_rad,
 )
-from herringbone_sim.gap.observations import trajectory as trajectory_module
-from herringbone_sim.gap.observations import window_starts, windows
 from herringbone_sim.gap.observations.body_motion import static_rotations
-from herringbone_sim.gap.observations.changes import NO_LAW
 from herringbone_sim.gap.observations.friction import OF_COULOMB
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.law import LawChange, law, select_meshes
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.rollout import STATES, Forcing
-from herringbone_sim.gap.observations.shooting import (
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.law_changes import NO_LAW
+from herringbone_sim.gap.observations.mesh_law import LawChange, law, select_meshes
+from herringbone_sim.gap.observations.windows import starts as window_starts
+from herringbone_sim.gap.observations.windows import trajectory as trajectory_module
+from herringbone_sim.gap.observations.windows import windows
+from herringbone_sim.gap.observations.windows.channels import channel_outputs, window_channels
+from herringbone_sim.gap.observations.windows.columns import (
+    body_forces,
+    nuisance_columns,
+)
+from herringbone_sim.gap.observations.windows.elimination import StateElimination
+from herringbone_sim.gap.observations.windows.integrator import STATES, Forcing
+from herringbone_sim.gap.observations.windows.restarts import misfits, restarted
+from herringbone_sim.gap.observations.windows.shooting import (
     WindowSolution,
     evaluated,
     fitted_loosely_first,
@@ -34,20 +42,13 @@ from herringbone_sim.gap.observations.shooting import (
     symmetric_starts,
     window_jacobian,
 )
-from herringbone_sim.gap.observations.trajectory import (
+from herringbone_sim.gap.observations.windows.starts import filter_and_fit
+from herringbone_sim.gap.observations.windows.trajectory import (
     MAX_FAILED,
     STATE_PRECISION,
     Trajectory,
 )
-from herringbone_sim.gap.observations.window_channels import channel_outputs, window_channels
-from herringbone_sim.gap.observations.window_columns import (
-    body_forces,
-    nuisance_columns,
-)
-from herringbone_sim.gap.observations.window_restarts import misfits, restarted
-from herringbone_sim.gap.observations.window_starts import filter_and_fit
-from herringbone_sim.gap.observations.window_states import StateElimination
-from herringbone_sim.gap.observations.windows import JUMP_SD, Windows
+from herringbone_sim.gap.observations.windows.windows import JUMP_SD, Windows
 from herringbone_sim.gap.sensors.detrended import with_nominal_means
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign
@@ -55,14 +56,14 @@ from herringbone_sim.practice.plan import draw_plan
 
 
 @pytest.fixture(scope="module")
-def gear() -> Gear:
+def gear() -> GearObservations:
     """A healthy practice rig of which three rotations are recorded, at a hundredth of noise."""
     made = as_prepared(make_campaign(draw_plan(600001, "none", channels="few")))
-    return Gear(made.of_role("fit"))
+    return GearObservations(made.of_role("fit"))
 
 
 @pytest.fixture(scope="module")
-def one(gear: Gear) -> tuple[Trajectory, WindowSolution]:
+def one(gear: GearObservations) -> tuple[Trajectory, WindowSolution]:
     """A run whose planets move in step, at the states that fit it."""
     trajectory = gear.trajectories[1]
     return trajectory, trajectory.nominal
@@ -72,11 +73,11 @@ def rows(shot: WindowSolution) -> np.ndarray:
     return stacked_residual(shot)
 
 
-def test_windows_are_formed_where_nothing_else_is(gear: Gear) -> None:
+def test_windows_are_formed_where_nothing_else_is(gear: GearObservations) -> None:
     assert gear.observation_names == ("trajectory",)
 
 
-def test_rotations_without_mean_and_trend_are_followed_as_well(gear: Gear) -> None:
+def test_rotations_without_mean_and_trend_are_followed_as_well(gear: GearObservations) -> None:
     """Raw angles lack the wind-up under the load; it is found with the motion.
 
     The nominal gear tells it 8.6 um off, of 79 um; what is estimated is right within 1 um.
@@ -97,7 +98,7 @@ def test_rotations_without_mean_and_trend_are_followed_as_well(gear: Gear) -> No
     assert guess - wind_up @ mean == pytest.approx(right, abs=1e-6)
 
 
-def test_raw_angles_become_rotations_about_the_steady_one(gear: Gear) -> None:
+def test_raw_angles_become_rotations_about_the_steady_one(gear: GearObservations) -> None:
     """Wrapped or not, from any mark; a rotation that is recorded too stays as it is."""
     run, sc = gear.runs[0].run, gear.model.scales
     turn = run.phase / gear.model.parameters.z_r
@@ -176,7 +177,7 @@ def test_the_fits_of_a_run_restart_such_windows(
     assert again.cost == pytest.approx(shot.cost, rel=0.02)
 
 
-def test_noise_makes_no_window_a_misfit(gear: Gear) -> None:
+def test_noise_makes_no_window_a_misfit(gear: GearObservations) -> None:
     """Nor does a law off by its tolerances: no fit of the nominal law has one to be restarted."""
     for trajectory in gear.trajectories:
         t, lead = trajectory, trajectory._with_lead
@@ -185,7 +186,7 @@ def test_noise_makes_no_window_a_misfit(gear: Gear) -> None:
         assert not misfits(t.recorded, fit)
 
 
-def test_restarts_that_gain_nothing_are_not_repeated(gear: Gear) -> None:
+def test_restarts_that_gain_nothing_are_not_repeated(gear: GearObservations) -> None:
     """One reading that no state explains: a try at every fit would cost more than the fits."""
     run = gear.runs[1].run
     values = run.u.values.copy()
@@ -270,7 +271,11 @@ def test_states_are_eliminated_as_by_a_dense_solution(
     ],
 )
 def test_columns_of_the_law_are_differences(
-    gear: Gear, one: tuple[Trajectory, WindowSolution], name: str, step: float, within: float
+    gear: GearObservations,
+    one: tuple[Trajectory, WindowSolution],
+    name: str,
+    step: float,
+    within: float,
 ) -> None:
     trajectory, shot = one
     amplitudes = np.zeros(12)
@@ -281,7 +286,7 @@ def test_columns_of_the_law_are_differences(
 
 
 def test_a_law_that_drifts_within_a_run_is_predicted(
-    gear: Gear, one: tuple[Trajectory, WindowSolution]
+    gear: GearObservations, one: tuple[Trajectory, WindowSolution]
 ) -> None:
     """A stiffness that grows with time adds what one of the responses is, but for its size."""
     trajectory, shot = one
@@ -309,7 +314,7 @@ def test_a_law_that_drifts_within_a_run_is_predicted(
     + [(f"M_{body}", 1e-4) for body in "spc"],
 )
 def test_columns_of_bodies_are_differences(
-    gear: Gear, one: tuple[Trajectory, WindowSolution], name: str, step: float
+    gear: GearObservations, one: tuple[Trajectory, WindowSolution], name: str, step: float
 ) -> None:
     trajectory, shot = one
     m = trajectory._motion_at_half_steps(shot)
@@ -319,7 +324,7 @@ def test_columns_of_bodies_are_differences(
 
 
 def test_functions_say_whether_they_depend_on_the_law(
-    gear: Gear, one: tuple[Trajectory, WindowSolution]
+    gear: GearObservations, one: tuple[Trajectory, WindowSolution]
 ) -> None:
     """Without the law, those that say that they don't give what they give with it."""
     m = one[0].motion(one[1].states_of_all, one[0].windows.phase[::2])
@@ -346,7 +351,7 @@ def test_friction_does_not_slow_the_gear_down(one: tuple[Trajectory, WindowSolut
     assert sum(work.values()) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_rotations_may_lack_a_common_parabola(gear: Gear) -> None:
+def test_rotations_may_lack_a_common_parabola(gear: GearObservations) -> None:
     s = gear.trajectories[0].recorded
     (wave,) = (w.reshape(-1, len(s.channels.names)) for w in s.trends.wave)
     np.testing.assert_allclose(np.diff(wave, 3, axis=0), 0.0, atol=1e-12)
@@ -355,7 +360,7 @@ def test_rotations_may_lack_a_common_parabola(gear: Gear) -> None:
     np.testing.assert_allclose(wave[:, sun], 2.0 * wave[:, carrier])
 
 
-def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:
+def test_what_channels_show_changes_with_the_state_as_told(gear: GearObservations) -> None:
     made = as_prepared(make_campaign(draw_plan(600001, "none", channels="shafts_pins")))
     run = made.of_role("fit")[0]
     c = window_channels(replace(run, a=replace(run.u)))  # accelerations where rotations are
@@ -373,7 +378,7 @@ def test_what_channels_show_changes_with_the_state_as_told(gear: Gear) -> None:
 
 def check(
     trajectory: Trajectory,
-    gear: Gear,
+    gear: GearObservations,
     shot: WindowSolution,
     name: str,
     step: float,
@@ -390,7 +395,7 @@ def check(
     assert off < within * np.linalg.norm(difference)
 
 
-def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
+def test_more_windows_tell_the_tolerances_more_closely(gear: GearObservations) -> None:
     """Three times the values: standard deviations fall by the root of 3 at most."""
     few = GearMachine(gear.for_runs([g.run for g in gear.runs[1:3]]))
     many = few.with_more_values()
@@ -402,7 +407,7 @@ def test_more_windows_tell_the_tolerances_more_closely(gear: Gear) -> None:
     assert 0.5 < ratio.min() < 0.75
 
 
-def test_windows_are_made_once_for_all_copies_of_a_gear(gear: Gear) -> None:
+def test_windows_are_made_once_for_all_copies_of_a_gear(gear: GearObservations) -> None:
     """A second making costs a second a run and throws away the states that were found."""
     made = gear.trajectories
     whole = gear.for_runs([gear.runs[1].run, gear.runs[0].run])
@@ -412,7 +417,7 @@ def test_windows_are_made_once_for_all_copies_of_a_gear(gear: Gear) -> None:
     )
 
 
-def test_a_change_under_which_the_motion_diverges_explains_nothing(gear: Gear) -> None:
+def test_a_change_under_which_the_motion_diverges_explains_nothing(gear: GearObservations) -> None:
     """A million times the stiffness: no state follows the readings, and nothing ends."""
     trajectory = Trajectory(gear.runs[1].run)
     found = trajectory.fitted_states(("absurd",), lambda _: LawChange(kappa=np.array(1e6)), {})
@@ -432,7 +437,9 @@ def test_states_far_apart_are_eliminated_all_the_same(
     assert np.isfinite(states.clear(rows(shot)[:, None])).all()
 
 
-def test_static_rotations_are_those_about_which_rotations_are_recorded(gear: Gear) -> None:
+def test_static_rotations_are_those_about_which_rotations_are_recorded(
+    gear: GearObservations,
+) -> None:
     """Planets follow from shafts as in ``symmetric_starts``, at rest."""
     run = gear.runs[0].run
     u, M = static_rotations(run), 1.0 / inverse_masses(run.model)
@@ -440,7 +447,7 @@ def test_static_rotations_are_those_about_which_rotations_are_recorded(gear: Gea
     assert u[3:] == pytest.approx(planets)
 
 
-def test_noise_of_single_samples_is_selected_with_its_mesh(gear: Gear) -> None:
+def test_noise_of_single_samples_is_selected_with_its_mesh(gear: GearObservations) -> None:
     m = gear.runs[0].motion
     noise = np.arange(m.x.size, dtype=float).reshape(m.x.shape)
     some, _ = select_meshes(replace(m, sigma_x=noise), LawChange(), np.array([2, 5]))

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from herringbone_sim.practice.apply_causes import event
 from herringbone_sim.practice.campaign import make_campaign
-from herringbone_sim.practice.equip import event
 from herringbone_sim.practice.kernel import rate
 from herringbone_sim.practice.laws import (
     F_0,

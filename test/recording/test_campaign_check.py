@@ -11,12 +11,12 @@ import yaml
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.gap.checks import check
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.campaign_checks import check
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import machine_of
-from herringbone_sim.gap.feasible import feasible_observations
+from herringbone_sim.gap.feasible_observations import feasible_observations
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.filter_delay import with_delayed_waves
 from herringbone_sim.recording.campaign import read_campaign, write_campaign

@@ -14,16 +14,16 @@ from herringbone_sim.cli.gap import mirror_gap
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.attribution.effect_forces import fused_run
-from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.calibrated_fit import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.residuals.fusion import fuse
-from herringbone_sim.gap.run_views import mesh_shares, run_views
+from herringbone_sim.gap.run_comparison import mesh_shares, run_views
 from herringbone_sim.gap.verdict.augmented import Augmented
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
-from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 from herringbone_sim.views.mirror.gap_blueprint import RunLayout, blueprint
 from herringbone_sim.views.mirror.target import MirrorTarget
 

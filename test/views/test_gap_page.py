@@ -16,11 +16,11 @@ from gap_support import a_report
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.observations.recorded_noise import ChannelNoise
+from herringbone_sim.gap.observations.calibration.noise_report import ChannelNoise
 from herringbone_sim.gap.report import Cause, Estimate, Report
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
-from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.figures.gap_arrays import BINS, mean_over_phase
 from herringbone_sim.views.gear_geometry import MESHES

@@ -53,7 +53,7 @@ from herringbone_sim.core.lanes.series import (
 )
 from herringbone_sim.core.lanes.switching import (
     count_contact,
-    find_moves,
+    find_next_switches,
     switch_contact,
     touch,
 )
@@ -305,7 +305,7 @@ def move_linear(unrolled, w, neighbours, inverse, controlled):
     expand_excitation(w, inverse, controlled)
     touch(unrolled, w)
     expand_motion(unrolled, w, 0, True, True, controlled, inverse)
-    find_moves(w)
+    find_next_switches(w)
     if neighbours is not None:
         move_columns(unrolled, w, neighbours, inverse, controlled)
     take_state(unrolled, w, 0)

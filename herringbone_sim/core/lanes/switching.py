@@ -187,8 +187,12 @@ def locate_sign(w, m, lane):
 
 
 @called
-def find_moves(w):
-    """Set MOVE: the fraction of its interval that each lane advances, 1 or up to a switch."""
+def find_next_switches(w):
+    """Find the next switch of each lane; set MOVE, the fraction of its interval up to it, or 1.
+
+    The mesh that switches, its time and next state are stored too (``locate``). A lane with more
+    than ``MAX_SUBSTEPS`` moves in a step no longer stops at switches. w: ``Work``.
+    """
     order, n = w.x.shape[0], w.x.shape[1]
     x = w.x.reshape(order, w.x.size // order)
     store(w.progress, MOVE, 0, 1.0)

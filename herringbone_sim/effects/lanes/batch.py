@@ -9,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.model import Model
-from herringbone_sim.effects.dormand_prince import Gear
+from herringbone_sim.effects.dormand_prince import CompiledGear
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.lanes.gear import lane_gear
 from herringbone_sim.effects.lanes.machine import Queue, run_queue
@@ -78,7 +78,7 @@ def run_batch(
     return found
 
 
-def _kind(model: Model, gear: Gear) -> Hashable:
+def _kind(model: Model, gear: CompiledGear) -> Hashable:
     """Return what gears side by side in lanes share: their laws, and the sizes of constants."""
     effects = [active.effect for active in model.effects]
     laws = tuple((one.excite, one.react, one.drive, one.lanes) for one in effects)

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
-from herringbone_sim.effects.dormand_prince import Gear
+from herringbone_sim.effects.dormand_prince import CompiledGear
 from herringbone_sim.effects.gear import LANE_DRIVE, LANE_EXCITE, LANE_REACT, pointers
 from herringbone_sim.effects.lanes.progress import ROWS
 
-# Rows of ``LaneGear.scalars``, as fields of ``core.packed.Packed`` and of ``dormand_prince.Gear``.
+# Rows of ``LaneGear.scalars``, as fields of ``core.packed.Packed`` and of
+# ``dormand_prince.CompiledGear``.
 INV_SUN, LOAD_Q, CONTROL_Q, CONTROL_R = 0, 2, 4, 6
 INV_CARRIER, LOAD_R, CONTROL_ORDER, CONTROL_PHASE = 8, 9, 10, 11
 CONTROL, OMEGA, MULTIPLICITY, PROJECTION, SI = 12, 13, 14, 15, 16
@@ -49,7 +50,7 @@ class LaneGear(NamedTuple):
     gear: Array  # (rows, n, l)
     scalars: Array  # (rows, l) one number a gear, rows as above
     now: Array  # (5, l)
-    unit: Array  # (s, l) as in ``dormand_prince.Gear``
+    unit: Array  # (s, l) as in ``dormand_prince.CompiledGear``
     single_constants: LawConstants  # constants for laws that are not written for lanes
     single: Single
     w: LaneScratch
@@ -106,7 +107,7 @@ class LaneTrial(NamedTuple):
 
 
 def lane_gear(
-    models: Sequence[Model], gears: Sequence[Gear], tangents: int
+    models: Sequence[Model], gears: Sequence[CompiledGear], tangents: int
 ) -> tuple[LaneGear, LawConstants]:
     """Return lanes, still without values, for gears of one layout with the same effects.
 
@@ -156,7 +157,7 @@ def lane_gear(
     ), constants
 
 
-def _law_constants_of(models: Sequence[Model], gears: Sequence[Gear]) -> LawConstants:
+def _law_constants_of(models: Sequence[Model], gears: Sequence[CompiledGear]) -> LawConstants:
     def stacked(parts: Sequence[Array]) -> Array:
         return np.array(parts)
 
@@ -175,7 +176,7 @@ def _lanes_of(part: Any) -> Any:
     return np.zeros((LANES, *part.shape[1:]))
 
 
-def _constants(model: Model, gear: Gear) -> Array:
+def _constants(model: Model, gear: CompiledGear) -> Array:
     p = model.packed
     rows = [*p.inv_M_s, *p.load_q, *p.control_q, *p.control_r, p.inv_M_c, p.load_r]
     rows += [p.control_order, p.control_phase, p.K, p.Omega, p.multiplicity]

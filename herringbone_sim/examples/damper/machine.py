@@ -94,7 +94,7 @@ class Damper:
         """No search: no effect is a moving part."""
         return self, []
 
-    def tried_anew(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
+    def restarted_from_other_sizes(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
         """None: no states are estimated."""
         return None
 
@@ -117,7 +117,7 @@ class Damper:
         """False: displacement and velocity are recorded."""
         return False
 
-    def fitted_apart(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
+    def fitted_in_parallel(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
         """Fits side by side in processes."""
         return forked_map(lambda item: fit(self, item), items)
 

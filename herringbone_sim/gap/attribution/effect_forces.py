@@ -19,7 +19,6 @@ from herringbone_sim.effects.effect import Active, Parameter
 from herringbone_sim.effects.evaluate import Motion, evaluate
 from herringbone_sim.effects.gear import gear_table
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.residuals.balance import ForceFunction
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.residuals.recalibrate import (
     ForceLaw,
@@ -27,6 +26,7 @@ from herringbone_sim.gap.residuals.recalibrate import (
     force_function,
     force_law,
 )
+from herringbone_sim.gap.residuals.torque_balance import ForceFunction
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,11 @@ def calibrated_gear_table(case: FusedRun, factors: Array) -> Array:
 
 
 def with_law_forces(c: FusedRun, law: ForceLaw) -> FusedRun:
-    """Copy of a run with the forces of the law where none are measured, to drive effects."""
+    """Copy with forces of the law in ``F.values`` where none are measured.
+
+    They are the input of effects that depend on force, as friction; ``recorded``, ``sigma`` and
+    ``usable`` stay those of the measured forces.
+    """
     values = np.where(np.isfinite(c.run.F.values), c.run.F.values, law.modelled_n)
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 

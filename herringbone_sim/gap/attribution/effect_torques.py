@@ -15,8 +15,9 @@ from herringbone_sim.gap.attribution.effect_forces import (
     effect_contributions,
     force_function_with_effects,
 )
-from herringbone_sim.gap.data.geometry import forces_to_coordinates
-from herringbone_sim.gap.residuals.balance import (
+from herringbone_sim.gap.data.kinematics import forces_to_coordinates
+from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
+from herringbone_sim.gap.residuals.torque_balance import (
     WIDTH,
     Balance,
     averaged_measured_force,
@@ -24,7 +25,6 @@ from herringbone_sim.gap.residuals.balance import (
     torque_balance,
     window_of,
 )
-from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 
 FREE_PIN_UNCERTAINTY = 0.4  # sigma of the reaction of a free pin on the carrier, over its RMS
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from herringbone_sim.core.layout import QUANTITIES
+from herringbone_sim.gap.data.mesh_excitation import Waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.data.waves import Waves
 
 PARTS = 3
 
@@ -32,7 +32,10 @@ def leave_out_folds(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
 
 
 def slice_run(run: PreparedRun, rows: slice, name: str) -> PreparedRun:
-    """Return a run with the name ``name`` that holds only the samples ``rows`` of another run."""
+    """Return the samples ``rows`` of a run as a run with the name ``name``.
+
+    Times and phase are not shifted; noise, delay and findings stay those of the whole run.
+    """
 
     def cut(measured: Measured) -> Measured:
         return replace(measured, values=measured.values[rows])

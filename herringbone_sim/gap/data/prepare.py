@@ -14,7 +14,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, HerringboneError, listed
 from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
-from herringbone_sim.gap.data.length import usable_part
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.noise import (
     at_least_quantisation,
     quantisation_noise,
@@ -31,7 +31,7 @@ from herringbone_sim.gap.data.rotations import (
     without_angles_not_in_rad,
 )
 from herringbone_sim.gap.data.screen import Finding, screen
-from herringbone_sim.gap.data.waves import waves
+from herringbone_sim.gap.data.usable_part import usable_part
 from herringbone_sim.recording.campaign import CampaignRun, read_campaign
 from herringbone_sim.recording.reader import Recording, read_recording
 

@@ -11,8 +11,8 @@ import numpy as np
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.gap.data.mesh_excitation import Waves, waves
 from herringbone_sim.gap.data.screen import Finding
-from herringbone_sim.gap.data.waves import Waves, waves
 
 
 @dataclass(frozen=True)

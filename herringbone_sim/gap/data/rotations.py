@@ -44,7 +44,15 @@ def with_rotations(model: Model, series: TimeSeries) -> tuple[TimeSeries, tuple[
 def without_angles_not_in_rad(
     run: str, series: TimeSeries, units: Mapping[str, str]
 ) -> tuple[TimeSeries, list[Finding]]:
-    """Remove raw angles that are declared in another unit than rad; also return a finding."""
+    """Remove channels ``angle_*`` that are declared in another unit than rad.
+
+    Args:
+        run: name of the run, for the text of the finding.
+        units: declared units by channel; an empty or missing one counts as rad.
+
+    Returns:
+        The other channels, and one finding if any were removed.
+    """
     odd = [
         n
         for n in series.names

@@ -12,7 +12,7 @@ import numpy as np
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import mean_sun_force
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.data.screen import Finding
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, mean_stiffness
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, inverse_masses
 from herringbone_sim.gap.data.prepared import SHAFTS, PreparedRun
-from herringbone_sim.gap.residuals.balance import control_wave
+from herringbone_sim.gap.residuals.torque_balance import control_wave
 
 
 def body_loads(model: Model, phase: Array) -> Array:
@@ -52,13 +52,13 @@ def rigid_swing(run: PreparedRun) -> Array:
     only its trend.
     """
     M = 1.0 / inverse_masses(run.model)
-    rigid = rigid_rotation(run.model)
+    rigid = rigid_mode(run.model)
     swing = rigid_moment(run, run.phase) / (M @ rigid**2)
     return np.asarray(swing[:, None] * rigid)
 
 
-def rigid_rotation(model: Model) -> Array:
-    """Rotations (9,) of the bodies that move no mesh, 1 at the carrier."""
+def rigid_mode(model: Model) -> Array:
+    """Rigid rotation r (n_bodies,) [-] of the gear: G r = 0, 1 at the carrier, 2 at the suns."""
     rigid = np.linalg.svd(bodies_to_meshes(model))[2][-1]
     return np.asarray(rigid / rigid[2])
 
@@ -71,7 +71,7 @@ def static_rotations(run: PreparedRun) -> Array:
     model = run.model
     p, sc = model.parameters, model.scales
     G = bodies_to_meshes(model)
-    of_rigid = rigid_rotation(model) / inverse_masses(model)
+    of_rigid = rigid_mode(model) / inverse_masses(model)
     tau = np.zeros(len(of_rigid))
     tau[:2] = p.T_1 / (2.0 * sc.r_bs)
     tau[2] = -sc.T_2 / sc.r_bc

@@ -13,7 +13,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import ENCODER_ERROR_RAD, drift_spread, slow_waves
 from herringbone_sim.gap.residuals.fusion import Fused

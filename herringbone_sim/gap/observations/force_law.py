@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, cycles_per_shaft_turn
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, cycles_per_shaft_turn
 from herringbone_sim.gap.observations.basis import (
     ORDERS,
     TURNS,
@@ -26,8 +26,8 @@ from herringbone_sim.gap.observations.basis import (
     harmonic_functions,
     load_hat_functions,
 )
-from herringbone_sim.gap.observations.common_filter import FILTERS
-from herringbone_sim.gap.observations.law import Law, MeshMotion
+from herringbone_sim.gap.observations.calibration.common_filter import FILTERS
+from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 NAME = "force_law"

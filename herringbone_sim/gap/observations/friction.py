@@ -9,7 +9,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.effects.catalogue.tooth_friction import friction_arms
-from herringbone_sim.gap.observations.body_motion import rigid_rotation
+from herringbone_sim.gap.observations.body_motion import rigid_mode
 
 # Knots [mesh cycles] about the nominal pitch point and about the change of teeth half a cycle from
 # it, where sliding reverses too, chosen: the actual ones may lie a tenth of a cycle off, and
@@ -52,7 +52,7 @@ def friction_directions(model: Model, mask: Array) -> dict[str, Array]:
     """
     sign, lever = friction_arms(model, mask)
     load = np.zeros_like(lever)
-    load[:, model.layout.bodies.index("c")] = lever @ rigid_rotation(model)
+    load[:, model.layout.bodies.index("c")] = lever @ rigid_mode(model)
     return {"sign": sign, "lever": lever, LOAD: load}
 
 

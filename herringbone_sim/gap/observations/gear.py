@@ -20,28 +20,24 @@ from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations import (
-    balance,
-    consistency,
-    force_law,
-    trajectory,
-    window_columns,
-)
+from herringbone_sim.gap.observations import consistency, force_law, torque_balance
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.block_columns import linear_block_at, with_common_columns
-from herringbone_sim.gap.observations.changes import LawChanges
-from herringbone_sim.gap.observations.law import Law, LawChange, MeshMotion, law
-from herringbone_sim.gap.observations.recorded_gear import RecordedGear
+from herringbone_sim.gap.observations.law_changes import LawChanges
+from herringbone_sim.gap.observations.mesh_law import Law, LawChange, MeshMotion, law
+from herringbone_sim.gap.observations.recorded_channels import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
-from herringbone_sim.gap.observations.shooting import WindowSolution
-from herringbone_sim.gap.residuals.balance import FINE, window_of
+from herringbone_sim.gap.observations.windows import columns as window_columns
+from herringbone_sim.gap.observations.windows import trajectory
+from herringbone_sim.gap.observations.windows.shooting import WindowSolution
+from herringbone_sim.gap.residuals.torque_balance import FINE, window_of
 
 if TYPE_CHECKING:
-    from herringbone_sim.gap.observations.seats import Seat
+    from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
 
 
-class Gear(RecordedGear):
+class GearObservations(RecordedGear):
     """Observations of a gear's runs, linearised about any change of the law.
 
     Args:
@@ -80,7 +76,7 @@ class Gear(RecordedGear):
         laws = tuple(f.name for f in self.law_functions)
         return {
             force_law.NAME: laws,
-            balance.NAME: balance.function_names(
+            torque_balance.NAME: torque_balance.function_names(
                 self.model,
                 self.modelled,
                 self.law_functions,
@@ -96,12 +92,12 @@ class Gear(RecordedGear):
             else (),
         }
 
-    def for_runs(self, runs: Sequence[PreparedRun]) -> Gear:
-        """Gear of other runs of the rig, at every sample, with the same observations.
+    def for_runs(self, runs: Sequence[PreparedRun]) -> GearObservations:
+        """The same observations of other runs of the rig, at every sample.
 
         Coefficients fitted to this gear apply to it. Fitted windows of common runs are reused.
         """
-        gear = Gear(runs, 1, self.swap, self.gain_tolerance)
+        gear = GearObservations(runs, 1, self.swap, self.gain_tolerance)
         gear.take_observations(self)
         gear.windows = self.windows
         known = {id(g.run): self._trajectories.get(r) for r, g in enumerate(self.runs)}
@@ -110,7 +106,7 @@ class Gear(RecordedGear):
         gear.part_numbers = self.part_numbers
         return gear
 
-    def reordered(self, orders: Sequence[Indices]) -> Gear:
+    def reordered(self, orders: Sequence[Indices]) -> GearObservations:
         """Copy with the bodies of each run in an order, see ``Trajectory.reordered``."""
         gear = copy.copy(self)
         gear._trajectories = {
@@ -135,7 +131,7 @@ class Gear(RecordedGear):
         runs = [r for r in range(len(self.runs)) if self.has_windows_of(r)]
         return sum(parallel_map(gained, runs)) > CHANCE_CHI2
 
-    def with_windows(self, windows: int) -> Gear:
+    def with_windows(self, windows: int) -> GearObservations:
         """Copy with at most ``windows`` windows of a run, none of them fitted."""
         gear = copy.copy(self)
         gear._forget_windows(windows)
@@ -168,7 +164,7 @@ class Gear(RecordedGear):
         whole = fine.average(force)[first::FINE][: len(g.run) - 2 * reach]
         return np.asarray(whole - look.average(force[::FINE]))
 
-    def without_linearisation(self) -> Gear:
+    def without_linearisation(self) -> GearObservations:
         """Copy whose balance integrates forces between samples with all changes of the law."""
         gear = copy.copy(self)
         gear.exact_forces = True
@@ -202,7 +198,7 @@ class Gear(RecordedGear):
         wanted: Sequence[str] | None = None,
     ) -> Block:
         """Torque balance of run ``g``, number r, about the law ``now``; see ``balance.block``."""
-        return balance.block(
+        return torque_balance.block(
             g, now, self.modelled, self.body_functions, chosen, self._quadrature[r], wanted
         )
 
@@ -236,7 +232,7 @@ class Gear(RecordedGear):
         motion = any(np.any(a) for a in amplitudes.get(consistency.NAME, {}).values())
         if motion or self.modelled.any() or self.exact_forces:
             return (consistency.NAME,) if self.n_relations else ()
-        known = (balance.NAME,) if self.has_balance else ()
+        known = (torque_balance.NAME,) if self.has_balance else ()
         return (*known, consistency.NAME) if self.n_relations else known
 
     def blocks(
@@ -266,7 +262,7 @@ class Gear(RecordedGear):
             )
         if trajectory.NAME in observations and self.has_windows_of(r):
             blocks[trajectory.NAME] = self._trajectory_block(r, amplitudes, wanted)
-        if not {force_law.NAME, balance.NAME} & set(observations):
+        if not {force_law.NAME, torque_balance.NAME} & set(observations):
             return blocks
         g = self.corrected_run(r, amplitudes.get(consistency.NAME, {}))
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
@@ -278,16 +274,18 @@ class Gear(RecordedGear):
         if force_law.NAME in observations and self.has_force_law:
             now = self.law_of(g.strided, of_law, law_columns)
             blocks[force_law.NAME] = force_law.block(g.strided, now, self.model, chosen)
-        if balance.NAME in observations and self.has_balance and self.has_balance_of(r):
+        if torque_balance.NAME in observations and self.has_balance and self.has_balance_of(r):
             # Functions of the law act through the forces already.
-            direct = set(balance.function_names(self.model, np.zeros_like(self.modelled), ()))
+            direct = set(
+                torque_balance.function_names(self.model, np.zeros_like(self.modelled), ())
+            )
             direct |= {f.name for f in self.body_functions}
-            given = amplitudes.get(balance.NAME, {})
+            given = amplitudes.get(torque_balance.NAME, {})
             of_balance = {name: a for name, a in given.items() if name in direct}
             gratings = [f"{f} of {j}" for f in SHAFT_NAMES for j in np.flatnonzero(self.modelled)]
             names = None
             if wanted is not None:
-                names = [*wanted.get(balance.NAME, ()), *of_balance, *gratings]
+                names = [*wanted.get(torque_balance.NAME, ()), *of_balance, *gratings]
             cached = g is self.runs[r] and not self.modelled.any()
             if self.modelled.any():  # forces of the law, not those that sensors show
                 of_law = {f: a for f, a in of_law.items() if not force_law.of_force_sensor(f)}
@@ -297,10 +295,10 @@ class Gear(RecordedGear):
                 else self._balance(r, g, self.law_of(g.motion, of_law, law_columns), chosen, names)
             )
             if self.exact_forces and self._quadrature[r] is not None:
-                full = balance.with_quadrature(
+                full = torque_balance.with_quadrature(
                     full, self._quadrature_error(r, of_law), self._quadrature[r], g.run
                 )
-            blocks[balance.NAME] = linear_block_at(full, of_balance, r, wanted)
+            blocks[torque_balance.NAME] = linear_block_at(full, of_balance, r, wanted)
         return blocks
 
     def _trajectory_block(
@@ -340,10 +338,10 @@ class Gear(RecordedGear):
         keys = [_functions_acting(r, change) for change in remember_for]
         return run_trajectory.states_anew(*self._windows_change(r, amplitudes), keys)
 
-    def cost_near(
+    def chi2_from(
         self, r: int, near: WindowSolution, amplitudes: Amplitudes, rounds: int
     ) -> float:
-        """Cost of the windows of run r, states refitted under a change; inf where they diverge.
+        """Chi2 of the windows of run r, states refitted under a change; inf where they diverge.
 
         Args:
             near: start states and trends to refit from.
@@ -354,7 +352,7 @@ class Gear(RecordedGear):
             ``WindowSolution.cost``: squares of residuals over their noise, and of jumps.
         """
         run_trajectory = self.trajectory_under(r, amplitudes)
-        return run_trajectory.cost_near(near, *self._windows_change(r, amplitudes), rounds)
+        return run_trajectory.chi2_from(near, *self._windows_change(r, amplitudes), rounds)
 
     def _windows_change(
         self, r: int, amplitudes: Amplitudes, wanted: Sequence[str] = ()
@@ -370,15 +368,15 @@ class Gear(RecordedGear):
         """
         of_law = {f: a[r] for f, a in amplitudes.get(force_law.NAME, {}).items()}
         names = {f.name for f in self.law_functions}
-        of_bodies = {
+        other_amplitudes = {
             f: float(a[r][0])
             for f, a in amplitudes.get(trajectory.NAME, {}).items()
             if np.any(a[r]) and f.rpartition(" of ")[0] not in names
         }
-        return (lambda m: self.change_of(m, of_law, wanted)), of_bodies, self.body_functions
+        return (lambda m: self.change_of(m, of_law, wanted)), other_amplitudes, self.body_functions
 
     @property
-    def parts(self) -> Mapping[str, Seat]:
+    def parts(self) -> Mapping[str, MovingPart]:
         """Moving parts, by the label that prefixes their functions."""
         return self._changes.parts
 
@@ -386,9 +384,9 @@ class Gear(RecordedGear):
         self,
         extra: Sequence[Function],
         on_bodies: Sequence[Function] = (),
-        parts: Mapping[str, Seat] | None = None,
+        parts: Mapping[str, MovingPart] | None = None,
         about: Amplitudes | None = None,
-    ) -> Gear:
+    ) -> GearObservations:
         """Copy with additional functions.
 
         Args:

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.kinematics import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.common_filter import with_filter_responses
-from herringbone_sim.gap.observations.law import MeshMotion, mesh_motion
-from herringbone_sim.gap.residuals.balance import FINE, hermite_interpolation
+from herringbone_sim.gap.observations.calibration.common_filter import with_filter_responses
+from herringbone_sim.gap.observations.mesh_law import MeshMotion, mesh_motion
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
+from herringbone_sim.gap.residuals.torque_balance import FINE, hermite_interpolation
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,16 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.gap.named import moderate_size
-from herringbone_sim.gap.observations.events import EVENT_KINDS, Event, mesh_delays
+from herringbone_sim.gap.named_effects import moderate_size
 from herringbone_sim.gap.observations.force_law import cycles_per_member_turn
-from herringbone_sim.gap.observations.gear import Gear
-from herringbone_sim.gap.observations.machine import GearMachine
-from herringbone_sim.gap.observations.seats import SEAT_PARAMETERS
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.hypotheses.damaged_teeth import (
+    EVENT_KINDS,
+    Event,
+    mesh_delays,
+)
+from herringbone_sim.gap.observations.hypotheses.moving_parts import SEAT_PARAMETERS
 from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
 from herringbone_sim.gap.sensor_calibration import STRIDE
 from herringbone_sim.gap.sensors.detrended import only_windows_possible, without_detrended
@@ -130,7 +134,7 @@ def plan(
     runs = campaign.runs
     if not only_windows_possible(runs):
         runs = tuple(map(without_detrended, runs))
-    machine = GearMachine(Gear(runs, stride=STRIDE))
+    machine = GearMachine(GearObservations(runs, stride=STRIDE))
     if not machine.gear.observation_names:
         raise AnalysisError(
             "sensors must allow a diagnosis one observation at least, got none: measure rotations "
@@ -163,7 +167,7 @@ def plan(
     )
 
 
-def _teeth(gear: Gear) -> list[Event]:
+def _teeth(gear: GearObservations) -> list[Event]:
     """A crack and a spall of one tooth of each member, each at one mesh."""
     layout = gear.model.layout
     events, middle = [], MIDDLE

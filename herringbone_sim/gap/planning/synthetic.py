@@ -14,12 +14,12 @@ from herringbone_sim.core.layout import QUANTITIES, Layout
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError, listed
-from herringbone_sim.gap.checks import FEWEST_CYCLES
-from herringbone_sim.gap.data.geometry import bodies_to_meshes, inverse_masses
+from herringbone_sim.gap.campaign_checks import FEWEST_CYCLES
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes, inverse_masses
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.observations.body_motion import body_loads
-from herringbone_sim.gap.observations.window_channels import pin_weights
+from herringbone_sim.gap.observations.windows.channels import pin_weights
 from herringbone_sim.recording.importing.spec import recorded_name
 
 TRANSIENT = 80  # mesh cycles simulated before a recording, as for practice rigs

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import eigh, solveh_banded
 
 from herringbone_sim.arrays import Array, Flags
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 
 # Integral over the middle step of six equidistant samples, exact for polynomials of degree five.

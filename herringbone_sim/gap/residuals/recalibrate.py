@@ -16,9 +16,9 @@ from scipy.optimize import lsq_linear
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.residuals.balance import ForceFunction
-from herringbone_sim.gap.residuals.contact import noisy_backlash
 from herringbone_sim.gap.residuals.fusion import Fused
+from herringbone_sim.gap.residuals.noisy_backlash import noisy_backlash
+from herringbone_sim.gap.residuals.torque_balance import ForceFunction
 
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
 # Largest deviation of each factor from 1. c follows xi, the root of k and the masses of Eq. (11),

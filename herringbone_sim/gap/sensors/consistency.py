@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import null_space, polar, qr, solve_triangular
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.mesh_excitation import Waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.data.waves import Waves
 from herringbone_sim.gap.residuals.fusion import (
     QUADRATURE,
     Fused,

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.gap.data.geometry import bodies_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 
 LONGEST_S = 5e-6  # longest common delay in addition to that of the filter, data sheet

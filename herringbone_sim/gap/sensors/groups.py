@@ -17,14 +17,14 @@ class Group:
 
     Attributes:
         quantity: ``x``, ``v`` or ``u``.
-        mesh: ``sp``, ``rp`` or ``all`` for x and v; ``s``, ``c``, ``p`` or ``all`` for u.
-        planet: ``1`` ... or ``all``.
+        kind: of mesh for x and v: ``sp``, ``rp``; of body for u: ``s``, ``c``, ``p``; or ``all``.
+        planet: ``1`` ..., ``all``, or empty for names without planets.
         side: ``L``, ``R`` or ``all``.
         names: names of the channels.
     """
 
     quantity: str
-    mesh: str
+    kind: str
     planet: str
     side: str
     names: tuple[str, ...]

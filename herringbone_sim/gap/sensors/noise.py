@@ -13,7 +13,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import QUANTITIES
-from herringbone_sim.gap.data.geometry import bodies_to_coordinates, coordinates_to_meshes
+from herringbone_sim.gap.data.kinematics import bodies_to_coordinates, coordinates_to_meshes
 from herringbone_sim.gap.data.noise import at_least_quantisation, spectral_floor
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun, deciding
 from herringbone_sim.gap.residuals.fusion import fuse

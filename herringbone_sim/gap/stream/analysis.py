@@ -22,12 +22,12 @@ from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.effect_forces import fused_run
 from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.motion import (
+from herringbone_sim.gap.residuals.balance_without_forces import (
     fused_noise,
     motion_balance,
     recalibrate_motion,
 )
+from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law, recalibrate
 from herringbone_sim.gap.sensors.detrended import without_detrended
 from herringbone_sim.gap.stream.stretch import MotionStatistics, Residual
@@ -40,8 +40,12 @@ ROUNDS = 3  # Gauss-Newton steps of a recalibration
 SEED = 20  # of the noise realisation for the noise of the accelerations
 
 
-def model_of_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
-    """Return the nominal gear: reduced model if channels have no planet number, else full."""
+def parameters_for_channels(nominal: Parameters, names: Iterable[str]) -> Parameters:
+    """Return nominal parameters with the model that the channels are named for.
+
+    It is ``reduced`` if a channel x, v or F is of a mesh without a planet number (``x_sp_L``),
+    else ``full``, with rotations alone, too.
+    """
     plain = any(re.fullmatch(r"[xvF]_(sp|rp)_[LR]", name) for name in names)
     return nominal.changed({"model": "reduced" if plain else "full"})
 
@@ -98,7 +102,7 @@ def residual(
     """
     if "phase" not in series:
         raise AnalysisError("no residual without a channel phase: k(t) and e(t) are not known")
-    gear = model_of_channels(nominal, series.names)
+    gear = parameters_for_channels(nominal, series.names)
     point, remarks = operating_point(series, gear, declared or {})
     recording = Recording(Path("stream"), "stream", series, Channels(), (), True, ())
     with np.errstate(invalid="ignore"):
@@ -152,7 +156,7 @@ def motion_at_operating_point(
     """
     if "phase" not in series:
         raise AnalysisError("no channel phase: the operating point is not known")
-    gear = model_of_channels(nominal, series.names)
+    gear = parameters_for_channels(nominal, series.names)
     return motion_statistics(
         series, build(gear.changed(operating_point(series, gear, declared or {})[0]))
     )

@@ -14,8 +14,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.attribution.effect_forces import FusedRun, fused_run
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.data.waves import waves
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.recording.campaign import POINT
 

@@ -9,7 +9,7 @@ from herringbone_sim.diagnosis.judge import Chance
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.learned_law import LearnedLaw
-from herringbone_sim.gap.named import NamedEffect
+from herringbone_sim.gap.named_effects import NamedEffect
 
 MOST_NAMED = 4  # most effects of an ambiguous class, by the schema of the report
 HALF = 0.5  # probability above which an effect is more likely present than absent

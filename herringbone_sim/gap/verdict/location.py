@@ -6,8 +6,8 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Locus
-from herringbone_sim.gap.attribution.channel_sets import planets_indistinguishable
-from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.attribution.undecidable_by_channels import planets_indistinguishable
+from herringbone_sim.gap.calibrated_fit import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.verdict.decide import Verdict
 

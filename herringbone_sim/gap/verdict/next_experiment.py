@@ -10,9 +10,9 @@ import numpy as np
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.verdict.candidate_points import DIGITS, value_ranges
 from herringbone_sim.gap.verdict.decide import Verdict
-from herringbone_sim.gap.verdict.design import Design, leading_explanations
+from herringbone_sim.gap.verdict.effect_texts import effect_names, in_words
+from herringbone_sim.gap.verdict.experiment_design import Design, leading_explanations
 from herringbone_sim.gap.verdict.undecidable import LEAST_VALUES
-from herringbone_sim.gap.verdict.words import effect_names, in_words
 
 POINT = ("delta_T", "K", "T_1", "Omega")
 WORDS = {"delta_T": ("temperature rise", " K"), "T_1": ("load", " N m"), "Omega": ("speed", "")}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from herringbone_sim.gap.attribution.channel_sets import undecidable_by_channels
-from herringbone_sim.gap.calibrated import Calibrated
+from herringbone_sim.gap.attribution.undecidable_by_channels import undecidable_by_channels
+from herringbone_sim.gap.calibrated_fit import Calibrated
 from herringbone_sim.gap.data.prepared import PreparedCampaign
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.verdict.decide import CLASS_PROBABILITY, Verdict
-from herringbone_sim.gap.verdict.words import effect_names, in_words
+from herringbone_sim.gap.verdict.effect_texts import effect_names, in_words
 
 # Probability above which an effect outside the verdict is reported as not excluded.
 POSSIBLE = 1.0 - CLASS_PROBABILITY

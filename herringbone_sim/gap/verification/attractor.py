@@ -18,7 +18,7 @@ from herringbone_sim.arrays import Array, rms
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.gap.data.geometry import coordinates_to_meshes
+from herringbone_sim.gap.data.kinematics import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 from herringbone_sim.gap.verification.simulator import GearSimulator, phase_step

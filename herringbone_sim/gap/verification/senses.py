@@ -15,8 +15,8 @@ import numpy as np
 from herringbone_sim.analysis.lyapunov import largest_exponent as exponent_of_data
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.residuals.balance_without_forces import SEED, fused_noise
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
-from herringbone_sim.gap.residuals.motion import SEED, fused_noise
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
 from herringbone_sim.gap.verification.attractor import (
     Statistics,
@@ -29,14 +29,14 @@ from herringbone_sim.gap.verification.attractor import (
     statistics,
     statistics_to_dict,
 )
-from herringbone_sim.gap.verification.horizon import (
+from herringbone_sim.gap.verification.residual_gap import Correction, Gap, RunGap
+from herringbone_sim.gap.verification.short_prediction import (
     horizon_of,
     largest_exponent,
     prediction_error,
     prediction_floor,
 )
 from herringbone_sim.gap.verification.simulator import GearSimulator, simulator_of
-from herringbone_sim.gap.verification.verify import Correction, Gap, RunGap
 
 Say = Callable[[str], None]
 SENSES = ("residual", "prediction", "attractor")

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
+from herringbone_sim.gap.verification.residual_gap import Gap
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.gap.verification.verify import Gap
 
 ROLE = "held_out"
 NUMBERS = ("nominal", "augmented", "noise_floor", "closure")

@@ -16,7 +16,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import gear_table, laws, pointers_allowed, scratch
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
-from herringbone_sim.gap.verification.rollout import roll
+from herringbone_sim.gap.verification.parallel_simulation import roll
 
 STEPS = 128  # Runge-Kutta steps per natural period; their error is far below recording noise
 

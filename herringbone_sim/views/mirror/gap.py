@@ -11,7 +11,7 @@ import rerun as rr
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.run_views import COLUMNS, RunView, mesh_shares, run_views
+from herringbone_sim.gap.run_comparison import COLUMNS, RunView, mesh_shares, run_views
 from herringbone_sim.views.gear_geometry import MESHES
 from herringbone_sim.views.mirror.frame import Frame, send_frame
 from herringbone_sim.views.mirror.gap_blueprint import COURSES, RunLayout, blueprint

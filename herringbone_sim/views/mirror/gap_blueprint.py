@@ -8,7 +8,7 @@ from typing import Any
 
 import rerun.blueprint as rrb
 
-from herringbone_sim.gap.run_views import COLUMNS
+from herringbone_sim.gap.run_comparison import COLUMNS
 from herringbone_sim.views.mirror.blueprint import (
     KIND_WORDS,
     arranged,

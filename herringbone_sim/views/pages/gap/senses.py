@@ -9,9 +9,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from herringbone_sim.gap.repeat import Repetition
+from herringbone_sim.gap.further_runs import Repetition
+from herringbone_sim.gap.verification.residual_gap import GapNumbers
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.gap.verification.verify import GapNumbers
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap import words

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from herringbone_sim.gap.observations.recorded_noise import ChannelNoise
-from herringbone_sim.gap.verification.verify import Gap, RunGap
+from herringbone_sim.gap.observations.calibration.noise_report import ChannelNoise
+from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
 from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap.words import METRICS, ROLES, closure_words
 from herringbone_sim.views.pages.html import Table

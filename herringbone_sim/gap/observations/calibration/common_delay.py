@@ -1,0 +1,138 @@
+"""Estimate the delay common to all channels where rotations don't determine it.
+
+The delay of e(t), k(t) and control that minimises the residual of the nominal gear with fitted
+tolerances, on short stretches of the fit runs, is applied to those of all runs, unless a time
+shift of single meshes or sensors explains more. Where states are estimated, it is that of the
+nominal gear on a few windows, if most of the residual goes with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from herringbone_sim.diagnosis.parallel import forked_map
+from herringbone_sim.diagnosis.search import Search
+from herringbone_sim.gap.data.folds import slice_run
+from herringbone_sim.gap.data.prepared import PreparedRun, deciding
+from herringbone_sim.gap.observations.gear import GearObservations
+from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.windows.trajectory import Trajectory
+from herringbone_sim.gap.sensors.filter_delay import (
+    MOST_UNEXPLAINED,
+    compensate_filter,
+    longest_delay,
+    with_delayed_waves,
+)
+
+STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the balance
+# Runs used: the fastest, where a delay is largest as a phase, and that with the largest control.
+N_STRETCHES = 2
+N_WINDOWS = 6  # windows of each run where states are estimated, chosen for run time
+DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
+# Effects that shift single meshes or sensors in time.
+TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
+
+
+def remove_common_delay(
+    runs: Sequence[PreparedRun], gain_tolerance: Sequence[float]
+) -> tuple[PreparedRun, ...]:
+    """Return the runs with k(t) and e(t) delayed like the channels; unchanged without a delay.
+
+    ``compensate_filter`` estimates the delay if a fit run has displacements and all rotations.
+
+    Args:
+        runs: of one rig; those of the role ``fit`` decide.
+        gain_tolerance: (n_mesh,) of force sensors; empty: none.
+    """
+    fit = deciding(runs)
+    if any(run.u.complete and run.x.recorded.any() for run in fit):
+        return compensate_filter(runs)
+    stretches = [_stretch(run) for run in _showing_delay(fit, N_STRETCHES)]
+    gear = GearObservations(stretches)
+    if not gear.observation_names:
+        return tuple(runs)
+    if gear.uses_windows:
+        return _by_windows(runs, _showing_delay(fit, 1))
+
+    def null(delay: float) -> Search:
+        gear = GearObservations(
+            [with_delayed_waves(run, delay) for run in stretches], gain_tolerance=gain_tolerance
+        )
+        return Search(GearMachine(gear))
+
+    def chi2_per_value(delay: float) -> float:
+        """Chi2 per value of the gear with fitted tolerances at a delay [s]."""
+        score = null(delay).null
+        return score.in_sample / score.count
+
+    search = null(0.0)
+    optimum = minimize_scalar(
+        chi2_per_value, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
+    )
+    search = search.onwards(search.machine)
+    shifts = [h for h in search.machine.hypotheses() if h.effect in TIME_SHIFT_EFFECTS]
+    shift_chi2 = min((search.quick(h.coefficients) for h in shifts), default=0.0)
+    if optimum.fun * search.null.count < search.null.in_sample + min(shift_chi2, 0.0):
+        return tuple(with_delayed_waves(run, float(optimum.x)) for run in runs)
+    return tuple(runs)
+
+
+def _showing_delay(runs: Sequence[PreparedRun], n_fastest: int) -> list[PreparedRun]:
+    """Fastest runs, and that with the largest control if there is any."""
+    by_speed = sorted(runs, key=lambda run: -run.omega_rad_per_s)
+    controlled = [run for run in by_speed if run.point["K"]]
+    by_control = sorted(controlled, key=lambda run: -abs(run.point["K"]) * run.omega_rad_per_s)
+    return list({run.name: run for run in (*by_speed[:n_fastest], *by_control[:1])}.values())
+
+
+def _by_windows(
+    runs: Sequence[PreparedRun], used: Sequence[PreparedRun]
+) -> tuple[PreparedRun, ...]:
+    """Delay the waves of ``runs`` by what windows of the runs ``used`` leave least with.
+
+    Unchanged unless that removes most of the residual: what is left is fitted with the tolerances.
+    """
+
+    def left(run: PreparedRun, delay: float = 0.0) -> float:
+        """Mean square of the residual over the noise, under the nominal law."""
+        trajectory = Trajectory(with_delayed_waves(run, delay), N_WINDOWS)
+        channels, residual_rms = trajectory.recorded.channels, trajectory.noise_left()
+        squares = [
+            (residual_rms[name] / sigma) ** 2
+            for name, sigma in zip(channels.names, channels.sigma, strict=True)
+            if name in residual_rms
+        ]
+        return float(np.mean(squares)) if squares else np.inf
+
+    without = {run.name: x for run, x in zip(used, forked_map(left, used), strict=True)}
+    used = [run for run in used if 0.0 < without[run.name] < np.inf]
+    if not used:
+        return tuple(runs)
+    before = [without[run.name] for run in used]
+
+    def share(delay: float) -> float:
+        """What is left at a delay [s] over what is left without one, mean over the runs."""
+        return float(np.mean(np.divide(forked_map(partial(left, delay=delay), used), before)))
+
+    longest = longest_delay(runs[0])
+    step = longest / 4.0
+    first = share(step)
+    if not first < 1.0:
+        return tuple(runs)
+    second = share(2.0 * step)
+    bend = 1.0 - 2.0 * first + second  # the vertex of the parabola through the three
+    delay = step * (1.0 - 0.5 * (second - 1.0) / bend) if bend > 0.0 else longest
+    delay = float(np.clip(delay, 0.0, longest)) if second < np.inf else step
+    if not share(delay) < MOST_UNEXPLAINED:
+        return tuple(runs)
+    return tuple(with_delayed_waves(run, delay) for run in runs)
+
+
+def _stretch(run: PreparedRun) -> PreparedRun:
+    """First ``STRETCH_CYCLES`` mesh cycles of a run."""
+    samples = STRETCH_CYCLES * 2.0 * np.pi / (run.omega_rad_per_s * run.step_s)
+    return slice_run(run, slice(0, int(samples)), run.name)

@@ -1,0 +1,1 @@
+"""Hypotheses: effects of the catalogue, and tolerances, as coefficients of the observations."""

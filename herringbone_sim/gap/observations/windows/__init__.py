@@ -1,0 +1,1 @@
+"""The trajectory observation: short windows of the motion, fitted to the channels of a run."""
