@@ -24,7 +24,7 @@ from herringbone_sim.paper import reproduction
 from herringbone_sim.paper.motions import recorded
 from herringbone_sim.paper.observe import BatchRunner
 from herringbone_sim.paper.regimes import Sweep
-from herringbone_sim.paper.reproduction import Checked, Compared, Point
+from herringbone_sim.paper.reproduction import CheckedStatement, Compared, Point
 from herringbone_sim.paper.scenarios import (
     SECTION_4_XI,
     SECTION_4_XI_PRINTED,
@@ -102,7 +102,9 @@ def run(
     return 0
 
 
-def _facts(file: str, values: int, reading: Reading, checked: Sequence[Checked]) -> list[str]:
+def _facts(
+    file: str, values: int, reading: Reading, checked: Sequence[CheckedStatement]
+) -> list[str]:
     p, right = reading.parameters, sum(c.obtained.ok for c in checked)
     torque = scales(p).control_torque_n_m(0.3)
     return [
@@ -115,7 +117,7 @@ def _facts(file: str, values: int, reading: Reading, checked: Sequence[Checked])
     ]
 
 
-def _table(checked: Sequence[Checked]) -> list[str]:
+def _table(checked: Sequence[CheckedStatement]) -> list[str]:
     """Aligned line per statement: whether it holds, scenario, text, published and obtained."""
     lines = []
     for c in checked:
@@ -128,7 +130,9 @@ def _table(checked: Sequence[Checked]) -> list[str]:
     return lines
 
 
-def _write_tables(out: Path, checked: Sequence[Checked], compared: Sequence[Compared]) -> None:
+def _write_tables(
+    out: Path, checked: Sequence[CheckedStatement], compared: Sequence[Compared]
+) -> None:
     head = ["scenario", "statement", "published", "obtained", "error", "ok"]
     pairs = ((c.statement, c.obtained) for c in checked)
     rows = ([s.scenario, s.text, s.published, o.text, o.error, o.ok] for s, o in pairs)

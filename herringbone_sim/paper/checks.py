@@ -56,12 +56,15 @@ RULES = (
 
 
 @dataclass(frozen=True)
-class Obtained:
+class CheckResult:
     """Result of the check of a statement.
 
     Attributes:
         text: the computed result, in words.
-        error: computed minus published, or a fraction of values, see ``RULES``; NaN for none.
+        error: of a boundary or an end of chaos computed minus published, in the unit of the swept
+            parameter, 0 inside the published range of a boundary; of a window or the sign of an
+            exponent the fraction of values that disagree. NaN for a motion or route, and where
+            nothing was computed to compare.
         ok: whether the statement counts as right.
     """
 
@@ -86,19 +89,19 @@ class Evidence:
 
 
 @singledispatch
-def check(statement: Statement, evidence: Evidence) -> Obtained:
+def check(statement: Statement, evidence: Evidence) -> CheckResult:
     """Check a statement against results by the rule for its kind, see ``RULES``."""
     raise TypeError(f"no rule for {type(statement).__name__}")
 
 
 @check.register
-def _(statement: WindowIs, evidence: Evidence) -> Obtained:
+def _(statement: WindowIs, evidence: Evidence) -> CheckResult:
     low, high = statement.low, statement.high
     obtained = share(evidence.sweep, low, high, statement.motion)
     text = shares_text(evidence.sweep, low, high)
     if obtained < LEAST_SHARE:
         text += _nearest(evidence.sweep, statement)
-    return Obtained(text, 1.0 - obtained, bool(obtained >= LEAST_SHARE))
+    return CheckResult(text, 1.0 - obtained, bool(obtained >= LEAST_SHARE))
 
 
 def _nearest(sweep: Sweep, statement: WindowIs) -> str:
@@ -111,16 +114,16 @@ def _nearest(sweep: Sweep, statement: WindowIs) -> str:
 
 
 @check.register
-def _(statement: BoundaryAt, evidence: Evidence) -> Obtained:
+def _(statement: BoundaryAt, evidence: Evidence) -> CheckResult:
     edge = evidence.boundaries.get(statement) or locate(evidence.sweep, statement)
     if not math.isfinite(edge.at):
-        return Obtained(_no_edge(evidence.sweep, statement), float("nan"), False)
+        return CheckResult(_no_edge(evidence.sweep, statement), float("nan"), False)
     nearest = min(max(edge.at, statement.low), statement.high)
     error = edge.at - nearest
     shares = _edge_shares(evidence.sweep, statement, edge.at)
     ok = abs(error) <= REACH * _span(evidence.sweep) and min(shares) >= EDGE_SHARE
     sides = f"{shares[0]:.0%} and {shares[1]:.0%} beside it" if min(shares) < 1 else "clean"
-    return Obtained(f"{edge.at:.4g} ({sides}; {edge.note})", error, bool(ok))
+    return CheckResult(f"{edge.at:.4g} ({sides}; {edge.note})", error, bool(ok))
 
 
 def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float, float]:
@@ -157,13 +160,13 @@ def _span(sweep: Sweep) -> float:
 
 
 @check.register
-def _(statement: ExponentSign, evidence: Evidence) -> Obtained:
+def _(statement: ExponentSign, evidence: Evidence) -> CheckResult:
     sweep = evidence.sweep
     inside = (sweep.values >= statement.low) & (sweep.values <= statement.high)
     exponents = sweep.exponents[inside, 0]
     right = float(np.mean(exponents * statement.sign > 0)) if inside.any() else float("nan")
     text = f"{right:.0%} of the values{_alike(sweep, inside, statement.sign)}"
-    return Obtained(text, 1.0 - right, bool(right >= LEAST_SHARE))
+    return CheckResult(text, 1.0 - right, bool(right >= LEAST_SHARE))
 
 
 def _alike(sweep: Sweep, inside: Flags, sign: int) -> str:
@@ -176,24 +179,24 @@ def _alike(sweep: Sweep, inside: Flags, sign: int) -> str:
 
 
 @check.register
-def _(statement: ChaosEnds, evidence: Evidence) -> Obtained:
+def _(statement: ChaosEnds, evidence: Evidence) -> CheckResult:
     last = _last_chaos(evidence.sweep, statement.high)
     error = last - statement.low
     ok = bool(abs(error) <= REACH * _span(evidence.sweep))
     text = f"last chaos at {last:.4g}" if math.isfinite(last) else "no chaos anywhere"
-    return Obtained(text, error, ok)
+    return CheckResult(text, error, ok)
 
 
 @check.register
-def _(statement: MotionAt, evidence: Evidence) -> Obtained:
+def _(statement: MotionAt, evidence: Evidence) -> CheckResult:
     motion, exponent = evidence.points[statement.value]
     right = motion == statement.motion and not (motion == CHAOS and exponent <= 0)
     known = f", exponent {exponent:+.4f}" if math.isfinite(exponent) else ""
-    return Obtained(f"{motion_name(motion)}{known}", float("nan"), right)
+    return CheckResult(f"{motion_name(motion)}{known}", float("nan"), right)
 
 
 @check.register
-def _(statement: Route, evidence: Evidence) -> Obtained:
+def _(statement: Route, evidence: Evidence) -> CheckResult:
     motions = route(evidence.sweep)
     text = " - ".join(map(motion_name, motions))
-    return Obtained(text, float("nan"), motions == statement.motions)
+    return CheckResult(text, float("nan"), motions == statement.motions)

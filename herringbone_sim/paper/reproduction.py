@@ -15,7 +15,7 @@ from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import Boundary, bisect, locate
-from herringbone_sim.paper.checks import Evidence, Obtained, check
+from herringbone_sim.paper.checks import CheckResult, Evidence, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import Sweep, motions_of
 from herringbone_sim.paper.scenarios import SCENARIOS, Scenario, scenario
@@ -35,11 +35,11 @@ STEPPED_SHARE, SLOW_SHARE = 0.5, 0.25  # of the values of a sweep, with RK4; wit
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedStatement:
     """A published statement and the result of its check."""
 
     statement: Statement
-    obtained: Obtained
+    obtained: CheckResult
 
 
 @dataclass(frozen=True)
@@ -134,9 +134,11 @@ def evidence(
     )
 
 
-def checked(evidence: Mapping[str, Evidence]) -> list[Checked]:
+def checked(evidence: Mapping[str, Evidence]) -> list[CheckedStatement]:
     """Check all statements of the scenarios, in the order of the paper."""
-    return [Checked(s, check(s, evidence[s.scenario])) for s in statements("".join(evidence))]
+    return [
+        CheckedStatement(s, check(s, evidence[s.scenario])) for s in statements("".join(evidence))
+    ]
 
 
 def ways(reading: Reading) -> tuple[Way, ...]:

@@ -1,7 +1,6 @@
 """Every statement of the paper's sections 3 and 4 about a motion, as data.
 
-A statement holds what is published; ``checks.check`` compares it with the computed motion. Each
-has the letter of its ``scenario``, a ``text``, and its ``published`` result as a short text.
+A statement holds what is published; ``checks.check`` compares it with the computed motion.
 """
 
 from __future__ import annotations
@@ -14,97 +13,74 @@ from herringbone_sim.paper.scenarios import CHAOS, SCENARIOS, Scenario, motion_n
 
 
 @dataclass(frozen=True)
-class WindowIs:
-    """One motion (period, 0 for chaos) from ``low`` to ``high`` of the swept parameter."""
+class Statement:
+    """What is published of one scenario.
+
+    Attributes:
+        scenario: its letter.
+        text: the statement in words.
+        published: its result as a short text.
+    """
 
     scenario: str
     text: str
+    published: str
+
+
+@dataclass(frozen=True)
+class WindowIs(Statement):
+    """One motion (period, 0 for chaos) from ``low`` to ``high`` of the swept parameter."""
+
     low: float
     high: float
     motion: int
 
-    @property
-    def published(self) -> str:
-        return motion_name(self.motion)
-
 
 @dataclass(frozen=True)
-class BoundaryAt:
+class BoundaryAt(Statement):
     """The motion ``before`` (period, 0 = chaos) becomes ``after`` between ``low`` and ``high``.
 
     These are the printed ends of neighbouring windows, often equal.
     """
 
-    scenario: str
-    text: str
     low: float
     high: float
     before: int
     after: int
 
-    @property
-    def published(self) -> str:
-        return f"{self.low:g}" if self.low == self.high else f"{self.low:g} or {self.high:g}"
-
 
 @dataclass(frozen=True)
-class ExponentSign:
+class ExponentSign(Statement):
     """The largest exponent has one sign (+1 or -1) from ``low`` to ``high`` of the sweep."""
 
-    scenario: str
-    text: str
     low: float
     high: float
     sign: int
 
-    @property
-    def published(self) -> str:
-        return "> 0" if self.sign > 0 else "< 0"
-
 
 @dataclass(frozen=True)
-class ChaosEnds:
+class ChaosEnds(Statement):
     """Chaos ends at ``low``: there is none from there to ``high`` of the swept parameter."""
 
-    scenario: str
-    text: str
     low: float
     high: float
 
-    @property
-    def published(self) -> str:
-        return f"{self.low:g}"
-
 
 @dataclass(frozen=True)
-class MotionAt:
+class MotionAt(Statement):
     """The motion in one four-panel figure of the paper, at one value of the swept parameter."""
 
-    scenario: str
-    text: str
     value: float
     motion: int
     figure: str
 
-    @property
-    def published(self) -> str:
-        return motion_name(self.motion)
-
 
 @dataclass(frozen=True)
-class Route:
+class Route(Statement):
     """The order of all motions along the sweep, as in the conclusions of the paper."""
 
-    scenario: str
-    text: str
     motions: tuple[int, ...]
 
-    @property
-    def published(self) -> str:
-        return " - ".join(map(motion_name, self.motions))
-
-
-Statement = WindowIs | BoundaryAt | ExponentSign | ChaosEnds | MotionAt | Route
 
 FIGURES = (
     ("A", "Fig. 6", 20.0, CHAOS),
@@ -141,14 +117,16 @@ def _of(scenario: Scenario) -> Iterator[Statement]:
         yield from _signs(scenario)
     for key, low, high, text in ENDS:
         if key == scenario.key:
-            yield ChaosEnds(key, text, low, high)
+            yield ChaosEnds(key, text, f"{low:g}", low, high)
     for key, figure, value, motion in FIGURES:
         if key == scenario.key:
-            text = f"{figure}: {scenario.parameter} = {value:g} is {motion_name(motion)}"
-            yield MotionAt(key, text, value, motion, figure)
+            name = motion_name(motion)
+            text = f"{figure}: {scenario.parameter} = {value:g} is {name}"
+            yield MotionAt(key, text, name, value, motion, figure)
     if scenario.has_exponents:
         motions = tuple(window.motion for window in scenario.windows)
-        yield Route(scenario.key, f"the route along {scenario.parameter} (conclusions)", motions)
+        text = f"the route along {scenario.parameter} (conclusions)"
+        yield Route(scenario.key, text, " - ".join(map(motion_name, motions)), motions)
 
 
 def _windows(scenario: Scenario) -> Iterator[WindowIs]:
@@ -156,16 +134,17 @@ def _windows(scenario: Scenario) -> Iterator[WindowIs]:
         implied = " (implied)" if window.implied else ""
         name = motion_name(window.motion)
         text = f"{name} for {window.low:g} < {scenario.parameter} < {window.high:g}{implied}"
-        yield WindowIs(scenario.key, text, window.low, window.high, window.motion)
+        yield WindowIs(scenario.key, text, name, window.low, window.high, window.motion)
 
 
 def boundaries(scenario: Scenario) -> Iterator[BoundaryAt]:
     """Yield the boundaries between the published windows of a scenario, in order."""
     for left, right in pairwise(scenario.windows):
-        text = (
-            f"{motion_name(left.motion)} to {motion_name(right.motion)} along {scenario.parameter}"
-        )
-        yield BoundaryAt(scenario.key, text, left.high, right.low, left.motion, right.motion)
+        before, after = left.motion, right.motion
+        text = f"{motion_name(before)} to {motion_name(after)} along {scenario.parameter}"
+        low, high = left.high, right.low
+        published = f"{low:g}" if low == high else f"{low:g} or {high:g}"
+        yield BoundaryAt(scenario.key, text, published, low, high, before, after)
 
 
 def _signs(scenario: Scenario) -> Iterator[ExponentSign]:
@@ -174,4 +153,5 @@ def _signs(scenario: Scenario) -> Iterator[ExponentSign]:
         word = "above" if sign > 0 else "below"
         span = f"{window.low:g} < {scenario.parameter} < {window.high:g}"
         text = f"largest exponent {word} 0 for {span}"
-        yield ExponentSign(scenario.key, text, window.low, window.high, sign)
+        published = "> 0" if sign > 0 else "< 0"
+        yield ExponentSign(scenario.key, text, published, window.low, window.high, sign)

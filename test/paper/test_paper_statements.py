@@ -163,7 +163,7 @@ def test_the_sign_of_the_exponent_is_that_of_the_values_in_the_window():
 
 
 def test_chaos_of_a_figure_needs_a_positive_exponent():
-    wanted = MotionAt("A", "", 20.0, CHAOS, "Fig. 6")
+    wanted = MotionAt("A", "", "chaos", 20.0, CHAOS, "Fig. 6")
     assert check(wanted, evidence(PUBLISHED, {20.0: (CHAOS, 0.1)})).ok
     assert not check(wanted, evidence(PUBLISHED, {20.0: (CHAOS, -0.1)})).ok
     assert not check(wanted, evidence(PUBLISHED, {20.0: (3, 0.1)})).ok

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from herringbone_sim.paper.boundaries import Boundary
 from herringbone_sim.paper.checks import RULES
-from herringbone_sim.paper.reproduction import Checked, Compared
+from herringbone_sim.paper.reproduction import CheckedStatement, Compared
 from herringbone_sim.paper.scenarios import Scenario
 from herringbone_sim.views.pages.html import Table, render
 
@@ -37,7 +37,7 @@ class ScenarioFigures:
 def page(
     facts: Sequence[str],
     parts: Sequence[ScenarioFigures],
-    checked: Sequence[Checked],
+    checked: Sequence[CheckedStatement],
     compared: Sequence[Compared],
 ) -> str:
     """Return the HTML of the page, which refers to pictures as files beside it.
@@ -58,7 +58,7 @@ def page(
     )
 
 
-def _summary(parts: Sequence[ScenarioFigures], checked: Sequence[Checked]) -> Table:
+def _summary(parts: Sequence[ScenarioFigures], checked: Sequence[CheckedStatement]) -> Table:
     rows = [_count(part.scenario, checked) for part in parts]
     bold = Markup("<b>{}</b>").format
     right = sum(c.obtained.ok for c in checked)
@@ -66,7 +66,7 @@ def _summary(parts: Sequence[ScenarioFigures], checked: Sequence[Checked]) -> Ta
     return Table(["", "scenario", "statements", "right"], [*rows, total], numeric=(2, 3))
 
 
-def _count(scenario: Scenario, checked: Sequence[Checked]) -> list[str]:
+def _count(scenario: Scenario, checked: Sequence[CheckedStatement]) -> list[str]:
     own = [c for c in checked if c.statement.scenario == scenario.key]
     right = sum(c.obtained.ok for c in own)
     name = f"{scenario.title} ({scenario.figure})"
@@ -74,7 +74,7 @@ def _count(scenario: Scenario, checked: Sequence[Checked]) -> list[str]:
 
 
 def _scenario_values(
-    part: ScenarioFigures, checked: Sequence[Checked], compared: Sequence[Compared]
+    part: ScenarioFigures, checked: Sequence[CheckedStatement], compared: Sequence[Compared]
 ) -> dict[str, object]:
     """Return the template values of one scenario."""
     scenario = part.scenario
@@ -92,7 +92,7 @@ def _scenario_values(
     }
 
 
-def _statements(checked: Sequence[Checked]) -> Table:
+def _statements(checked: Sequence[CheckedStatement]) -> Table:
     rows = [
         [
             c.statement.text,
