@@ -10,36 +10,11 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90
+from herringbone_sim.effects.registry import effects
 from herringbone_sim.practice.rig_model import MESHES
 
 Json = Mapping[str, Any]
 OUTSIDE_CATALOGUE = ("none", "unknown")
-
-# Parameters that measure the size of an effect, and their value without the effect.
-SIZES: dict[str, tuple[tuple[str, ...], float]] = {
-    "mean_stiffness": (("factor",), 1.0),
-    "stiffness_harmonic": (("cos", "sin"), 0.0),
-    "stagger": (("phase",), 0.0),
-    "planet_phase": (("phase",), 0.0),
-    "tooth_crack": (("depth",), 0.0),
-    "tooth_spall": (("height",), 0.0),
-    "runout": (("amplitude",), 0.0),
-    "pin_position": (("offset",), 0.0),
-    "backlash_offset": (("offset",), 0.0),
-    "thermal_backlash": (("rate",), 0.0),
-    "thermal_stiffness": (("rate",), 0.0),
-    "tooth_friction": (("mu",), 0.0),
-    "contact_nonlinearity": (("exponent",), 1.0),
-    "damping_law": (("share",), 0.0),
-    "profile_error": (("cos", "sin"), 0.0),
-    "ring_flexibility": (("stiffness",), 0.0),
-    "bearing_clearance": (("clearance",), 0.0),
-    "torque_ripple": (("amplitude",), 0.0),
-    "sensor_gain": (("gain",), 1.0),
-    "sensor_bias": (("bias",), 0.0),
-    "sensor_delay": (("delay",), 0.0),
-    "clock_drift": (("ppm",), 0.0),
-}
 
 
 def right_cause(label: Json, report: Json, truth: tuple[str, ...]) -> tuple[Json, Json] | None:
@@ -91,8 +66,22 @@ def _value(cause: Json, name: str) -> Any:
     return entry.get("value") if isinstance(entry, Mapping) else entry
 
 
+def size_parameters(effect: str) -> dict[str, float]:
+    """Return the parameters that measure the size of an effect, with their value without it.
+
+    Empty for an effect that is not in the catalogue. A value without the effect that is infinite
+    counts as 0: the size is then the parameter itself.
+    """
+    known = effects().get(effect)
+    return {
+        p.name: p.neutral if math.isfinite(p.neutral) else 0.0
+        for p in (known.parameters if known else ())
+        if p.neutral is not None
+    }
+
+
 def size_error(entry: Json, cause: Json) -> float | None:
-    """Return the distance of reported from true ``SIZES`` of an effect, over its true size.
+    """Return the distance of reported from true size of an effect, over its true size.
 
     The true size is the distance from the values without the effect: for a gain of 1.02, 0.02.
 
@@ -112,15 +101,16 @@ def size_error(entry: Json, cause: Json) -> float | None:
 
 
 def _sizes(entry: Json, cause: Json) -> tuple[Array, Array] | None:
-    """Return true and reported ``SIZES`` (k,) minus their value without the effect.
+    """Return true and reported ``size_parameters`` (k,) minus their values without the effect.
 
     Arguments as in ``size_error``. None if one is missing, or the effect has none.
     """
-    names, neutral = SIZES.get(entry["effect"], ((), 0.0))
-    true, reported = ([_value(record, name) for name in names] for record in (entry, cause))
-    if not names or not all(map(is_number, (*true, *reported))):
+    neutral = size_parameters(entry["effect"])
+    true, reported = ([_value(record, name) for name in neutral] for record in (entry, cause))
+    if not neutral or not all(map(is_number, (*true, *reported))):
         return None
-    return np.subtract(true, neutral), np.subtract(reported, neutral)
+    without = list(neutral.values())
+    return np.subtract(true, without), np.subtract(reported, without)
 
 
 def is_number(value: Any) -> bool:
@@ -129,9 +119,9 @@ def is_number(value: Any) -> bool:
 
 
 def covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
-    """Return for each ``SIZES`` parameter with an interval whether it contains the true value."""
+    """Return for each parameter of the size with an interval whether it holds the true value."""
     held = []
-    for name in SIZES.get(true_effect["effect"], ((), 0.0))[0]:
+    for name in size_parameters(true_effect["effect"]):
         entry = (cause.get("parameters") or {}).get(name) or {}
         interval, true = entry.get("ci90"), _value(true_effect, name)
         if interval is not None and all(map(is_number, (true, *interval))):
@@ -152,9 +142,9 @@ def size_errors(
             is removed from them.
 
     Returns:
-        For each parameter in ``SIZES`` that has a ``ci90``: estimate minus true value, standard
-        deviation from the interval, and true size of the effect: the distance of all of its
-        ``SIZES`` from their values without the effect. All in the unit of the parameter.
+        For each of ``size_parameters`` that has a ``ci90``: estimate minus true value, standard
+        deviation from the interval, and true size of the effect: the distance of all of them
+        from their values without the effect. All in the unit of the parameter.
     """
     errors = []
     for labelled in label["effects"]:
@@ -168,7 +158,7 @@ def size_errors(
         true, reported = sizes
         size = float(np.hypot.reduce(true))
         included = relative_error * float(np.hypot.reduce(reported))
-        names, _ = SIZES[labelled["effect"]]
+        names = size_parameters(labelled["effect"])
         for name, value, estimate in zip(names, true, reported, strict=True):
             entry = (cause.get("parameters") or {}).get(name) or {}
             interval = entry.get("ci90")
