@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.effects.registry import effects
+from herringbone_sim.practice.cause import mesh_mask
 from herringbone_sim.practice.rig_model import MESHES
 
 Json = Mapping[str, Any]
@@ -47,12 +48,7 @@ def _expanded(name: str, place: Json) -> list[str]:
     """Return the channel, or for a quantity (x, v, F) all of its channels at a place."""
     if name not in ("x", "v", "F"):
         return [name]
-    mesh, planet, side = (str(place.get(part, "all")) for part in ("mesh", "planet", "side"))
-    return [
-        f"{name}_{m}"
-        for m in MESHES
-        if mesh in ("all", m[:2]) and planet in ("all", m[2]) and side in ("all", m[4])
-    ]
+    return [f"{name}_{m}" for m, inside in zip(MESHES, mesh_mask(place), strict=True) if inside]
 
 
 def _value(cause: Json, name: str) -> Any:
@@ -64,6 +60,12 @@ def _value(cause: Json, name: str) -> Any:
     """
     entry = (cause.get("parameters") or {}).get(name)
     return entry.get("value") if isinstance(entry, Mapping) else entry
+
+
+def _interval(cause: Json, name: str) -> Sequence[float]:
+    """Return the 90 % interval of a parameter in a report; empty if missing or not finite."""
+    interval = ((cause.get("parameters") or {}).get(name) or {}).get("ci90") or ()
+    return interval if all(map(is_number, interval)) else ()
 
 
 def size_parameters(effect: str) -> dict[str, float]:
@@ -122,9 +124,8 @@ def covered(true_effect: Json, cause: Json) -> tuple[bool, ...]:
     """Return for each parameter of the size with an interval whether it holds the true value."""
     held = []
     for name in size_parameters(true_effect["effect"]):
-        entry = (cause.get("parameters") or {}).get(name) or {}
-        interval, true = entry.get("ci90"), _value(true_effect, name)
-        if interval is not None and all(map(is_number, (true, *interval))):
+        interval, true = _interval(cause, name), _value(true_effect, name)
+        if interval and is_number(true):
             held.append(bool(interval[0] <= true <= interval[1]))
     return tuple(held)
 
@@ -160,9 +161,7 @@ def size_errors(
         included = relative_error * float(np.hypot.reduce(reported))
         names = size_parameters(labelled["effect"])
         for name, value, estimate in zip(names, true, reported, strict=True):
-            entry = (cause.get("parameters") or {}).get(name) or {}
-            interval = entry.get("ci90")
-            if interval is not None and all(map(is_number, interval)):
+            if interval := _interval(cause, name):
                 reported_sd = 0.5 * (interval[1] - interval[0]) / HALF_90
                 variance = reported_sd**2 - included**2
                 errors.append((float(estimate - value), max(variance, 0.0) ** 0.5, size))
