@@ -46,6 +46,7 @@ from herringbone_sim.views.pages.compare import (
     headline,
     way_words,
 )
+from herringbone_sim.views.pages.html import write_page
 from herringbone_sim.views.picture import Picture
 from herringbone_sim.views.tables.csv_file import write_csv
 
@@ -212,12 +213,12 @@ def write(out: Path, nominal: GearSweeps, augmented: GearSweeps, lines: list[str
         coexisting={side.name: coexisting(side) for side in (nominal, augmented)},
         pictures=draw(out, nominal, augmented, ways[0]),
     )
-    (out / "report.html").write_text(compare_page(comparison), encoding="utf-8")
+    page = write_page(out / "report.html", compare_page(comparison))
     write_tables(out, nominal, augmented, by_way)
     described = json.dumps(as_json(axis.name, comparison), indent=1)
     (out / "compare.json").write_text(described, encoding="utf-8")
     print("\n".join([*lines, *text(comparison)]))
-    print(f"written: {out / 'report.html'}, {out / 'boundaries.csv'}, {out / 'values.csv'}")
+    print(f"written: {page}, {out / 'boundaries.csv'}, {out / 'values.csv'}")
 
 
 def draw(out: Path, nominal: GearSweeps, augmented: GearSweeps, way: str) -> list[Picture]:

@@ -20,7 +20,8 @@ from herringbone_sim.gap.report_file import read_report
 from herringbone_sim.gap.verification.residual_gap import GapNumbers
 from herringbone_sim.recording.parameter_file import load_gear, load_parameters
 from herringbone_sim.sweeps.output import make_folder
-from herringbone_sim.views.pages.gap.senses import write_verify_page
+from herringbone_sim.views.pages.gap.senses import verify_page
+from herringbone_sim.views.pages.html import write_page
 
 EXAMPLES = """\
 python -m herringbone_sim rig make --out rigs/pin_later --seed 7 --later 1 \\
@@ -51,7 +52,7 @@ def run(
         result = repeat(prepared, own, actives, earlier, step)
     text = json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n"
     (out / "verify.json").write_text(text, encoding="utf-8")
-    page = write_verify_page(result, out)
+    page = write_page(out / "verify.html", verify_page(result))
     print(table(result))
     print(f"written: {out / 'verify.json'}, {page}")
     return 0

@@ -38,6 +38,7 @@ from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import paper as paper_figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.html import write_page
 from herringbone_sim.views.pages.paper import ScenarioFigures, page
 from herringbone_sim.views.tables.csv_file import write_csv
 
@@ -95,9 +96,8 @@ def run(
     _write_tables(out, checked, compared)
     parts = _draw(out, scenarios, sweeps, points, rows)
     facts = _facts(f"{parameters or 'config/paper.yaml'}", sizes.values, reading, checked)
-    html = page(facts, parts, checked, compared)
-    (out / "index.html").write_text(html, encoding="utf-8")
-    for line in (*_table(checked), *facts, f"written: {out / 'index.html'}"):
+    written = write_page(out / "index.html", page(facts, parts, checked, compared))
+    for line in (*_table(checked), *facts, f"written: {written}"):
         print(line)
     return 0
 

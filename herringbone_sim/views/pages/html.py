@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+
+from herringbone_sim.sweeps.output import make_folder
 
 TEMPLATES = Environment(
     loader=PackageLoader(__package__),
@@ -46,6 +49,17 @@ class Table:
 def render(template: str, **content: object) -> str:
     """Return a page: a template in ``templates/`` filled with values by name."""
     return TEMPLATES.get_template(template).render(content)
+
+
+def write_page(path: Path, html: str) -> Path:
+    """Write a page into its folder, created if missing, and return its path.
+
+    Raises:
+        AnalysisError: the folder can't be written.
+    """
+    make_folder(path.parent)
+    path.write_text(html, encoding="utf-8")
+    return path
 
 
 def number(value: float, digits: int = 6) -> str:

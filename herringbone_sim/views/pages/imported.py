@@ -16,7 +16,7 @@ from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import DPI, GREY, STYLE
-from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.pages.html import Table, number, render, write_page
 from herringbone_sim.views.picture import Picture
 
 DETAIL_CYCLES = 4  # mesh cycles drawn at full resolution, beside the whole run
@@ -49,9 +49,8 @@ def write_import_page(folder: Path, rig: str, runs: Sequence[ImportedRun]) -> Pa
         run_figure(read_recording(folder / run.name).samples).savefig(path)
         picture = Picture(path, f"{run.name}: the whole run, and its first cycles")
         parts.append(_run_values(run, picture))
-    page = folder / "import.html"
-    page.write_text(render("import.html", title=f"Import of {rig}", runs=parts), encoding="utf-8")
-    return page
+    html = render("import.html", title=f"Import of {rig}", runs=parts)
+    return write_page(folder / "import.html", html)
 
 
 def _run_values(run: ImportedRun, picture: Picture) -> dict[str, object]:

@@ -13,6 +13,7 @@ from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import style
 from herringbone_sim.views.figures.style import Scale
+from herringbone_sim.views.pages.html import write_page
 from herringbone_sim.views.pages.report import Report, report_html
 from herringbone_sim.views.picture import Picture
 from herringbone_sim.views.tables import runs as tables
@@ -56,11 +57,9 @@ def write_run(
             f"figures show {len(chosen)} of {len(results)} segments (number {numbers}): one of "
             "each period first, then the longest"
         )
-    page = folder / "report.html"
     written += ["figures/*.png", "figures/*.svg"]
     html = report_html(replace(report, notes=notes), pictures, written)
-    page.write_text(html, encoding="utf-8")
-    return page
+    return write_page(folder / "report.html", html)
 
 
 def write_diagram(

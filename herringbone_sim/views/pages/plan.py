@@ -23,7 +23,7 @@ from herringbone_sim.gap.planning.summary import (
 from herringbone_sim.recording.campaign import POINT
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.style import BLUE, DPI, GREEN, GREY, INK, ORANGE, STYLE
-from herringbone_sim.views.pages.html import Table, number, render
+from herringbone_sim.views.pages.html import Table, number, render, write_page
 from herringbone_sim.views.picture import Picture
 
 COLOURS = (ORANGE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
@@ -90,9 +90,7 @@ def write_plan_page(
         runs=Table(RUNS_HEAD, point_rows(plan, points), (1, 2, 3, 4, 5)),
         length=_length(plan),
     )
-    page = folder / "plan.html"
-    page.write_text(html, encoding="utf-8")
-    return page
+    return write_page(folder / "plan.html", html)
 
 
 def size(value: float, unit: str) -> str:

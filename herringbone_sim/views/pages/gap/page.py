@@ -8,7 +8,6 @@ from pathlib import Path
 
 from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.report import Cause, Report
-from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap import GapArrays, write_gap_figures
 from herringbone_sim.views.figures.gap_laws import write_law_figures
 from herringbone_sim.views.numbers import figure, percent
@@ -17,7 +16,7 @@ from herringbone_sim.views.pages.gap.senses import distances_values, senses_valu
 from herringbone_sim.views.pages.gap.tables import noise_table, runs_values
 from herringbone_sim.views.pages.gap.verdict import OUTSIDE, answers, headline, kind, named_effects
 from herringbone_sim.views.pages.gap.where import where_values
-from herringbone_sim.views.pages.html import render
+from herringbone_sim.views.pages.html import render, write_page
 from herringbone_sim.views.picture import Picture
 
 POINT = (
@@ -44,17 +43,14 @@ def write_gap_page(
     Raises:
         AnalysisError: the folder can't be written.
     """
-    make_folder(folder)
     pictures = write_law_figures(folder, report.laws)
     pictures += write_gap_figures(folder, arrays) if arrays else []
-    page = folder / "report.html"
     commands = (
         (compare_command(nominal, folder), plan_command(report, nominal, folder))
         if nominal
         else ("", "")
     )
-    page.write_text(gap_page(report, pictures, *commands), encoding="utf-8")
-    return page
+    return write_page(folder / "report.html", gap_page(report, pictures, *commands))
 
 
 def plan_command(report: Report, nominal: Path, folder: Path) -> str:

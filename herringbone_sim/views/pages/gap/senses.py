@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -12,7 +11,6 @@ from markupsafe import Markup
 from herringbone_sim.gap.further_runs import Repetition
 from herringbone_sim.gap.verification.residual_gap import GapNumbers
 from herringbone_sim.gap.verification.senses import Senses
-from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap import words
 from herringbone_sim.views.pages.html import Table, render
@@ -128,18 +126,6 @@ def _distances(motion: Mapping[str, Any]) -> list[str]:
     exponent = motion.get("exponent", {}).get("value", math.nan)
     cells = [figure(motion["distance"][name]) for name, _, _ in DISTANCES]
     return [*cells, figure(exponent, 2) if math.isfinite(exponent) else ""]
-
-
-def write_verify_page(result: Repetition, folder: Path) -> Path:
-    """Write ``verify.html`` into a folder, created if missing; return the path of the page.
-
-    Raises:
-        AnalysisError: the folder can't be written.
-    """
-    make_folder(folder)
-    page = folder / "verify.html"
-    page.write_text(verify_page(result), encoding="utf-8")
-    return page
 
 
 def verify_page(result: Repetition) -> str:
