@@ -134,15 +134,6 @@ class RunFiles:
         self._bag = bag
         self._counts.append(_Count())
 
-    def _append(self, topic: int, log_ns: int, publish_ns: int, message: Buffer) -> None:
-        """Append a serialised message to the topic with the index ``topic``; times in ns."""
-        with self._writing():
-            self._bag.write(self._numbers[topic], log_ns, publish_ns, message)
-
-    def _count(self, n: int, first_s: float, last_s: float) -> None:
-        """Count n samples that were appended, with the times [s] of the first and the last."""
-        self._counts[-1].add(n, first_s, last_s)
-
     def flush(self) -> None:
         """Write everything to the disk and check the files; call it at least every half second.
 
@@ -154,12 +145,6 @@ class RunFiles:
             self._bag.flush()
             self._counts[-1].flushed = self._counts[-1].written
         self._note_gone()
-
-    def _next(self, log_ns: int, channels: Buffer) -> None:
-        """Finish the current file and open the next one with its ``channels`` message."""
-        self._finish({})
-        with self._writing():
-            self._open(log_ns, channels)
 
     def close(self, health: Mapping[str, str]) -> None:
         """Finish the current file with the counters ``health``, and write ``metadata.yaml``."""

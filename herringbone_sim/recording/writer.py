@@ -159,7 +159,7 @@ class RunWriter(RunFiles):
         for rows in split_rows(len(block), len(self._names), label_bytes):
             message, first_s = encode_samples(self._names, block[rows]), float(times[rows.start])
             self._write(SAMPLES, first_s, message, publish_ns)
-            self._count(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
+            self._counts[-1].add(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))
 
     def write_state(
         self,
@@ -219,7 +219,10 @@ class RunWriter(RunFiles):
             RecordingLostError: the file is no longer what was written.
             RecordingError: the disk fails.
         """
-        self._next(self._log_ns(t_s), encode_string(channels_text(channels)))
+        log_ns, message = self._log_ns(t_s), encode_string(channels_text(channels))
+        self._finish({})
+        with self._writing():
+            self._open(log_ns, message)
 
     def close(self, health: Mapping[str, str] | None = None) -> None:
         """Finish the file and write ``metadata.yaml``; do nothing if the recording has ended.
@@ -246,7 +249,9 @@ class RunWriter(RunFiles):
     def _write(self, topic: int, t_s: float, message: Buffer, publish_ns: int | None) -> None:
         """Append the message of time t_s [s] to the topic with the index ``topic``."""
         log_ns = self._log_ns(t_s)
-        self._append(topic, log_ns, log_ns if publish_ns is None else publish_ns, message)
+        publish_ns = log_ns if publish_ns is None else publish_ns
+        with self._writing():
+            self._bag.write(self._numbers[topic], log_ns, publish_ns, message)
 
     def _log_ns(self, t_s: float) -> int:
         """Return the wall time [ns] of a simulation time [s]."""
