@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from herringbone_sim.diagnosis.judge import FILE
 from herringbone_sim.errors import AnalysisError, ParameterError, shown
 from herringbone_sim.recording.safe_yaml import read_yaml
 
@@ -59,38 +60,34 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     return tuple(sorted(seeds))
 
 
-def frozen(file: Path | None = None) -> Frozen | None:
-    """Read path, hash and seeds of a weights file, by default the package's; None if missing.
+def frozen() -> Frozen | None:
+    """Read path, hash and seeds of the weights of the judge; None if the file is missing.
 
     Raises:
         AnalysisError: the file does not give its seeds as pairs [first, last + 1].
     """
-    path = file or Path(__file__).parents[1] / "diagnosis" / "calibration.json"
-    if not path.is_file():
+    if not FILE.is_file():
         return None
     try:
-        seeds = tuple((int(first), int(end)) for first, end in read_yaml(path)["seeds"])
+        seeds = tuple((int(first), int(end)) for first, end in read_yaml(FILE)["seeds"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise AnalysisError(
-            f"{path} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
+            f"{FILE} must have seeds: [[FIRST, LAST + 1], ...], got {shown(error)}: say which "
             "seeds the thresholds were frozen on"
         ) from None
-    return Frozen(path, hashlib.sha256(path.read_bytes()).hexdigest(), seeds)
+    return Frozen(FILE, hashlib.sha256(FILE.read_bytes()).hexdigest(), seeds)
 
 
-def check_seeds(
-    seeds: Sequence[int], calibration_family: bool, file: Path | None = None
-) -> SeedOverlap:
+def check_seeds(seeds: Sequence[int], calibration_family: bool) -> SeedOverlap:
     """Compare seeds with those that the weights of the judge were fitted on.
 
     Args:
         calibration_family: accept an overlap; it is then marked in the table.
-        file: weights file; that of the package by default.
 
     Raises:
         AnalysisError: an overlap that was not accepted.
     """
-    known = frozen(file)
+    known = frozen()
     ranges = known.seeds if known else ()
     used = sorted(s for s in seeds if any(first <= s < end for first, end in ranges))
     if used and not calibration_family:

@@ -57,10 +57,6 @@ class Diagram:
     mesh: str
     branches: tuple[Branch, ...]
 
-    def branch(self, start: str) -> Branch | None:
-        """The branch with a given ``Branch.start``, None if there is none."""
-        return next((branch for branch in self.branches if branch.start == start), None)
-
     def hysteresis(self) -> Flags:
         """(n,) whether any branch ends in another motion than the first one, without ramps."""
         branches = [branch for branch in self.branches if not branch.start.startswith("ramp")]

@@ -22,7 +22,7 @@ from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.judge import HALF_90
 from herringbone_sim.diagnosis.parallel import cores
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.practice import bench, trial
+from herringbone_sim.practice import bench, seeds, trial
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.baselines import rivals
 from herringbone_sim.practice.bench import name_of, read_seals, run_bench
@@ -87,17 +87,18 @@ def test_each_seed_draws_from_the_lists():
         Setting(samples_per_cycle=(2,))
 
 
-def test_seeds_of_the_thresholds_are_refused(tmp_path):
+def test_seeds_of_the_thresholds_are_refused(tmp_path, monkeypatch):
     file = tmp_path / "calibration.json"
+    monkeypatch.setattr(seeds, "FILE", file)
     file.write_text(json.dumps({"seeds": [[10, 20], [30, 31]], "limit": 0.1}))
-    assert check_seeds((9, 20, 29, 31), False, file).seeds == ()
+    assert check_seeds((9, 20, 29, 31), False).seeds == ()
     with pytest.raises(AnalysisError, match=r"2 of the seeds, 19 \.\. 30"):
-        check_seeds((19, 30, 40), False, file)
-    seen = check_seeds((19, 30, 40), True, file)
+        check_seeds((19, 30, 40), False)
+    seen = check_seeds((19, 30, 40), True)
     assert seen.seeds == (19, 30)
     file.write_text("{}")
     with pytest.raises(AnalysisError, match="must have seeds"):
-        check_seeds((1,), False, file)
+        check_seeds((1,), False)
 
 
 def test_a_campaign_is_made_again_from_its_label_and_no_other():

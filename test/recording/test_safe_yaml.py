@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError, shown
-from herringbone_sim.practice.seeds import frozen
+from herringbone_sim.practice import seeds
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.files import BagInformation, bag_information
 from herringbone_sim.recording.parameter_file import load_parameters, ros_text
@@ -84,7 +84,7 @@ def test_parameter_files_refuse_it(written, kind, read):
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_campaigns_bags_and_thresholds_refuse_it(written, kind):
+def test_campaigns_bags_and_thresholds_refuse_it(written, kind, monkeypatch):
     folder = written(HOSTILE[kind], "campaign.yaml").parent
     with pytest.raises(RecordingError, match=r"campaign\.yaml") as caught:
         read_campaign(folder)
@@ -93,8 +93,9 @@ def test_campaigns_bags_and_thresholds_refuse_it(written, kind):
     information = bag_information(folder)
     assert information == BagInformation(notes=information.notes)
     assert "metadata.yaml can't be read" in information.notes[0]
+    monkeypatch.setattr(seeds, "FILE", written(HOSTILE[kind], "calibration.json"))
     with pytest.raises(AnalysisError, match="seeds") as wrong:
-        frozen(written(HOSTILE[kind], "calibration.json"))
+        seeds.frozen()
     assert len(str(wrong.value)) < 600
 
 

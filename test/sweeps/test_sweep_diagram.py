@@ -31,17 +31,23 @@ def ways(tmp_path_factory: pytest.TempPathFactory):
     return diagram_of([run(folder / s.start, s, workers=1) for s in sweeps])
 
 
+def branches_of(diagram):
+    return {branch.start: branch for branch in diagram.branches}
+
+
 def test_the_ways_differ_where_motions_coexist(ways) -> None:
     """From rest period 2 up to 80 K, but period 1 goes on when one comes from above."""
-    fixed, down = ways.branch("fixed"), ways.branch("down")
+    branches = branches_of(ways)
+    fixed, down = branches["fixed"], branches["down"]
     assert fixed.period.tolist() == [2, 2, 2, 1, 1]
     assert down.period.tolist() == [1, 1, 1, 1, 1]
-    assert ways.branch("up").period.tolist() == [2, 2, 2, 1, 1]
+    assert branches["up"].period.tolist() == [2, 2, 2, 1, 1]
     assert ways.hysteresis().tolist() == [True, True, True, False, False]
 
 
 def test_a_slow_ramp_follows_the_continuation(ways) -> None:
-    ramped, held = ways.branch("ramp_down"), ways.branch("down")
+    branches = branches_of(ways)
+    ramped, held = branches["ramp_down"], branches["down"]
     assert ramped.point_values[0, -1] == 70.0
     assert ramped.point_values[-1].tolist() == [90.0] * 80
     assert ramped.point_values[2, 0] == pytest.approx(85.0 - 5.0 / 80)
@@ -50,7 +56,7 @@ def test_a_slow_ramp_follows_the_continuation(ways) -> None:
 
 
 def test_motions_that_differ_in_their_points_alone_are_told_apart(ways) -> None:
-    fixed = ways.branch("fixed")
+    fixed = branches_of(ways)["fixed"]
     moved = replace(fixed, start="up", points=fixed.points + 0.02)
     assert replace(ways, branches=(fixed, moved)).hysteresis().all()
     shifted = replace(fixed, start="up", points=np.roll(fixed.points, 1, axis=1))
