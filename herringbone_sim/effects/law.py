@@ -41,40 +41,19 @@ law: Any = njit(cache=True, **COMPILED)
 
 
 @law
-def stiffness_at(gear, m, phase):
-    """Return k [N/m] of mesh m without effects at a phase [rad], Eq. (7).
+def harmonics_at(gear, m, phase, first):
+    """Return the harmonics of mesh m at a phase [rad], without effects, and their derivative.
 
-    From row ``HARMONICS`` on, ``gear`` has four rows per order: cosine and sine of k, then of e.
+    ``first`` 0: of k [N/m], Eq. (7); 2: of e [m], Eq. (9); the mean is left out. From row
+    ``HARMONICS`` on, ``gear`` has four rows per order: cosine and sine of k, then of e.
     """
-    k = gear[MEAN_K, m]
+    value, slope = 0.0, 0.0
     for j in range((gear.shape[0] - HARMONICS) // 4):
         angle = (j + 1) * phase
-        row = HARMONICS + 4 * j
-        k += gear[row, m] * np.cos(angle) + gear[row + 1, m] * np.sin(angle)
-    return k
-
-
-@law
-def error_at(gear, m, phase):
-    """Return e [m] of mesh m without effects at a phase [rad], Eq. (9)."""
-    e = gear[MEAN_E, m]
-    for j in range((gear.shape[0] - HARMONICS) // 4):
-        angle = (j + 1) * phase
-        row = HARMONICS + 4 * j
-        e += gear[row + 2, m] * np.cos(angle) + gear[row + 3, m] * np.sin(angle)
-    return e
-
-
-@law
-def error_slope_at(gear, m, phase):
-    """Return de/dphase [m/rad] of mesh m without effects at a phase [rad]."""
-    slope = 0.0
-    for j in range((gear.shape[0] - HARMONICS) // 4):
-        angle = (j + 1) * phase
-        row = HARMONICS + 4 * j
-        rate = gear[row + 3, m] * np.cos(angle) - gear[row + 2, m] * np.sin(angle)
-        slope += (j + 1) * rate
-    return slope
+        row = HARMONICS + 4 * j + first
+        value += gear[row, m] * np.cos(angle) + gear[row + 1, m] * np.sin(angle)
+        slope += (j + 1) * (gear[row + 1, m] * np.cos(angle) - gear[row, m] * np.sin(angle))
+    return value, slope
 
 
 @law
@@ -82,10 +61,13 @@ def shift_phase(gear, now, m, angle, own_law):
     """Advance k and e of mesh m in ``own_law`` by an angle [rad], harmonic j by j angles."""
     phase = now[PHASE]
     ahead = phase + angle
-    own_law[STIFFNESS, m] += stiffness_at(gear, m, ahead) - stiffness_at(gear, m, phase)
-    own_law[SHIFT, m] -= error_at(gear, m, ahead) - error_at(gear, m, phase)
-    slope = error_slope_at(gear, m, ahead) - error_slope_at(gear, m, phase)
-    own_law[SHIFT_RATE, m] -= now[FREQUENCY] * slope
+    own_law[STIFFNESS, m] += (
+        harmonics_at(gear, m, ahead, 0)[0] - harmonics_at(gear, m, phase, 0)[0]
+    )
+    e_ahead, slope_ahead = harmonics_at(gear, m, ahead, 2)
+    e, slope = harmonics_at(gear, m, phase, 2)
+    own_law[SHIFT, m] -= e_ahead - e
+    own_law[SHIFT_RATE, m] -= now[FREQUENCY] * (slope_ahead - slope)
 
 
 @law
