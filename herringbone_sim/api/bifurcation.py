@@ -13,18 +13,10 @@ import numpy as np
 from herringbone_sim.api.gear import Gear, any_gear, parts_of
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
-from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import (
-    STARTS,
-    Axis,
-    Observation,
-    Sweep,
-    default_chunk,
-    with_sweep_steps,
-)
+from herringbone_sim.sweeps.grid import STARTS, Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
@@ -139,8 +131,7 @@ def bifurcation(
     with tempfile.TemporaryDirectory() as unkept:
         stores = []
         for way in starts:
-            chunk = default_chunk(base, actives, way)
-            sweep = Sweep(base, (axis,), look, way, chunk, effects_text(actives))
+            sweep = Sweep.of_gear(base, actives, (axis,), look, way)
             stores.append(open_store(Path(folder or unkept) / way, sweep))
         run_stores(stores)
         return Bifurcation(diagram_of([load_result(store) for store in stores]))

@@ -19,11 +19,10 @@ from typing import Annotated, Any, Literal
 from herringbone_sim.cli.options import Count, Mesh, Out, flattened
 from herringbone_sim.cli.parameter_options import Changes, print_gear_notes, settings
 from herringbone_sim.cli.sweep import WAYS
-from herringbone_sim.cli.sweep_options import SweepOptions, chunk_from, observation_from, run_all
-from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
+from herringbone_sim.cli.sweep_options import Gear, SweepOptions, observation_from, run_all
+from herringbone_sim.core.parameters import meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
-from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
@@ -50,7 +49,6 @@ from herringbone_sim.views.pages.html import write_page
 from herringbone_sim.views.picture import Picture
 from herringbone_sim.views.tables.csv_file import write_csv
 
-Gear = tuple[Parameters, tuple[Active, ...]]
 MATCHED = ("fixed", "up", "down")  # ways whose boundaries are matched
 SCATTER = 0.3  # standard deviation of random initial displacements [b_c]
 SCALARS = ("period", "exponent", "exponent_error", "within", "transverse", "contact_loss")
@@ -97,7 +95,9 @@ def run(
     mesh = options.mesh or gears["nominal"][0].layout.meshes[0]
     observation = observation_from(sweep, mesh, max(forcing.values()))
     stores = {
-        name: open_stores(options.out / name, ways_of(gear, axis, observation, options, sweep))
+        name: open_stores(
+            options.out / name, ways_of(gear, axis, observation, options, sweep.chunk)
+        )
         for name, gear in gears.items()
     }
     run_all([store for ways in stores.values() for store in ways.values()], sweep)
@@ -140,20 +140,18 @@ def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
 
 
 def ways_of(
-    gear: Gear, axis: Axis, observation: Observation, options: Options, chunks: SweepOptions
+    gear: Gear, axis: Axis, observation: Observation, options: Options, chunk: int | None
 ) -> dict[str, Sweep]:
     """Sweeps of a gear by way to reach a value: those of ``start``, and ``random 1``, ..."""
     base, actives = gear
-    effects = effects_text(actives)
-    sweeps = {}
-    for way in WAYS[options.start]:
-        chunk = chunk_from(chunks, (base, effects), way)
-        sweeps[way] = Sweep(base, (axis,), observation, way, chunk, effects)
-    chunk = chunk_from(chunks, (base, effects))
+    gears = {way: (base, way) for way in WAYS[options.start]}
     for i in range(1, options.starts + 1):
         random = base.changed({"initial_noise": SCATTER, "seed": base.seed + i})
-        sweeps[f"random {i}"] = Sweep(random, (axis,), observation, "fixed", chunk, effects)
-    return sweeps
+        gears[f"random {i}"] = random, "fixed"
+    return {
+        name: Sweep.of_gear(parameters, actives, (axis,), observation, start, chunk)
+        for name, (parameters, start) in gears.items()
+    }
 
 
 def open_stores(folder: Path, sweeps: Mapping[str, Sweep]) -> dict[str, Store]:

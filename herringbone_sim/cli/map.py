@@ -11,7 +11,6 @@ from herringbone_sim.cli.options import Count, Out, one_of
 from herringbone_sim.cli.parameter_options import GearOptions
 from herringbone_sim.cli.sweep_options import (
     SweepOptions,
-    chunk_from,
     observation_of_gear,
     print_shares,
     run_all,
@@ -71,10 +70,9 @@ def run(
         raise ParameterError(
             f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
         )
-    base, effects = swept_gear(gear)
-    observation = observation_of_gear(sweep, (base, effects), axes, mesh="")
-    chunk = chunk_from(sweep, (base, effects))
-    store = open_store(out, Sweep(base, axes, observation, start, chunk, effects))
+    swept = swept_gear(gear)
+    observation = observation_of_gear(sweep, swept, axes, mesh="")
+    store = open_store(out, Sweep.of_gear(*swept, axes, observation, start, sweep.chunk))
     run_all([store], sweep)
     result = load_result(store)
     print_shares(result)

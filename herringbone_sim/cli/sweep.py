@@ -27,7 +27,6 @@ from herringbone_sim.cli.options import Mesh, Out
 from herringbone_sim.cli.parameter_options import GearOptions
 from herringbone_sim.cli.sweep_options import (
     SweepOptions,
-    chunk_from,
     observation_of_gear,
     print_shares,
     run_all,
@@ -69,14 +68,14 @@ def run(
     sweep: SweepOptions = SweepOptions(),
 ) -> int:
     """Run the sweeps, print a summary, draw the diagram; exit code 0."""
-    base, effects = swept_gear(gear)
+    base, actives = swept_gear(gear)
     axes = tuple(axis_from_text(text) for text in over)
     mesh = mesh or base.layout.meshes[0]
-    observation = observation_of_gear(sweep, (base, effects), axes, mesh)
+    observation = observation_of_gear(sweep, (base, actives), axes, mesh)
     stores = []
     for way in WAYS[start]:
-        chunk = chunk_from(sweep, (base, effects), way)
-        stores.append(open_store(out / way, Sweep(base, axes, observation, way, chunk, effects)))
+        one = Sweep.of_gear(base, actives, axes, observation, way, sweep.chunk)
+        stores.append(open_store(out / way, one))
     run_all(stores, sweep)
     for store in stores:
         print_shares(load_result(store))

@@ -18,23 +18,18 @@ from herringbone_sim.cli.parameter_options import (
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import effect_cycles
 from herringbone_sim.effects.assemble import build_with
-from herringbone_sim.effects.written import effects_text, read_effects
+from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import (
-    CHUNK,
-    SMALL_CHUNK,
-    Axis,
-    Observation,
-    default_chunk,
-    with_sweep_steps,
-)
+from herringbone_sim.sweeps.grid import CHUNK, SMALL_CHUNK, Axis, Observation, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, Store
 
 REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a motion of two is detected too
 LONGEST = 100  # longest period of the effects [mesh cycles] of which REPEATS are observed
 SEEN = Observation()
+Gear = tuple[Parameters, tuple[Active, ...]]
 
 
 @flattened
@@ -58,23 +53,13 @@ class SweepOptions:
     scheduler: Scheduler = None
 
 
-def chunk_from(options: SweepOptions, gear: tuple[Parameters, str], start: str = "fixed") -> int:
-    """Number of values of a sweep stored together: that of ``--chunk``, else ``default_chunk``.
-
-    ``gear``: parameters, and effects as text. ParameterError as ``default_chunk``.
-    """
-    if options.chunk is not None:
-        return options.chunk
-    return default_chunk(gear[0], read_effects(gear[1]), start)
-
-
-def swept_gear(gear: GearOptions) -> tuple[Parameters, str]:
-    """Parameters of the gear to sweep, and its effects as text.
+def swept_gear(gear: GearOptions) -> Gear:
+    """Parameters of the gear to sweep, and its effects.
 
     The integration steps are those of a sweep unless ``--set`` names them.
     """
     base, actives = gear_from(gear)
-    return with_sweep_steps(base, settings(gear.set)), effects_text(actives)
+    return with_sweep_steps(base, settings(gear.set)), actives
 
 
 def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:
@@ -99,22 +84,22 @@ def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Obse
 
 
 def observation_of_gear(
-    options: SweepOptions, gear: tuple[Parameters, str], axes: Sequence[Axis], mesh: str
+    options: SweepOptions, gear: Gear, axes: Sequence[Axis], mesh: str
 ) -> Observation:
     """Build the observation for a gear, long enough for the period of its effects; print notes.
 
     Args:
-        gear: parameters, and effects as text.
+        gear: parameters and effects.
         axes: the gear is built at the first value of each; if that fails, the period of the
             effects is ignored.
     """
-    base, effects = gear
+    base, actives = gear
     try:
         p = base.changed({axis.name: axis.values[0] for axis in axes})
-        model = build_with(p, read_effects(effects))
+        model = build_with(p, actives)
     except ParameterError:  # no gear at this value
-        if effects:
-            print(f"with effects: {effects}")
+        if actives:
+            print(f"with effects: {effects_text(actives)}")
         return observation_from(options, mesh)
     print_gear_notes(model)
     return observation_from(options, mesh, effect_cycles(model))

@@ -16,7 +16,7 @@ from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
-from herringbone_sim.effects.written import read_effects
+from herringbone_sim.effects.written import effects_text, read_effects
 from herringbone_sim.errors import ParameterError, shown
 
 STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
@@ -120,6 +120,24 @@ class Sweep:
             raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
         if self.effects:
             stepper(build(self.base), self.actives)
+
+    @classmethod
+    def of_gear(
+        cls,
+        base: Parameters,
+        actives: Sequence[Active],
+        axes: Sequence[Axis],
+        observation: Observation,
+        start: str = "fixed",
+        chunk: int | None = None,
+    ) -> Sweep:
+        """Build the sweep of a gear with effects; without ``chunk`` parts take a few seconds.
+
+        Raises:
+            ParameterError: as ``Sweep``, or the gear lacks the place of an effect.
+        """
+        chunk = default_chunk(base, actives, start) if chunk is None else chunk
+        return cls(base, tuple(axes), observation, start, chunk, effects_text(actives))
 
     @property
     def actives(self) -> tuple[Active, ...]:
