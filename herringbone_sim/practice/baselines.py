@@ -29,7 +29,7 @@ Report = dict[str, Any]
 
 def always_none(campaign: Campaign) -> Report:
     """Return a report with the verdict ``none``."""
-    return _report(campaign.rig, ("none",))
+    return report_of(campaign.rig, ("none",))
 
 
 def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> Report:
@@ -58,10 +58,10 @@ def largest_residual(campaign: Campaign, series: Sequence[TimeSeries]) -> Report
     worst = MESHES[int(ratio.argmax())]
     if ratio.max() >= NOTABLE:
         locus = {"mesh": worst[:2], "planet": worst[2], "side": worst[4]}
-        return _report(campaign.rig, blamed, locus)
+        return report_of(campaign.rig, blamed, locus)
     if kinds.max() >= LOUD * (campaign.noise_share or np.inf):
         loudest = MESHES[int(kinds.argmax())][:2]
-        return _report(campaign.rig, blamed, {"mesh": loudest, "planet": "all", "side": "all"})
+        return report_of(campaign.rig, blamed, {"mesh": loudest, "planet": "all", "side": "all"})
     return always_none(campaign)
 
 
@@ -78,7 +78,7 @@ def rivals(rig: str, evidence: Evidence | None) -> dict[str, Report]:
     Without evidence (None) all of them report ``none``.
     """
     return {
-        name: _report(rig, ("none",) if evidence is None else rule(evidence))
+        name: report_of(rig, ("none",) if evidence is None else rule(evidence))
         for name, rule in RULES.items()
     }
 
@@ -119,7 +119,7 @@ RULES: dict[str, Callable[[Evidence], tuple[str, ...]]] = {
 }
 
 
-def _report(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:
+def report_of(rig: str, effects: Sequence[str], locus: Mapping[str, str] | None = None) -> Report:
     """Return a gap report with equal probabilities of effects; the first one is the verdict."""
     causes = [
         {"effect": name, "locus": locus or {}, "probability": 1.0 / len(effects), "parameters": {}}

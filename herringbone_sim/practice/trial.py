@@ -25,7 +25,7 @@ from herringbone_sim.diagnosis.judge import relative_error
 from herringbone_sim.errors import DivergenceError, ParameterError, RecordingError
 from herringbone_sim.gap.diagnose import diagnose
 from herringbone_sim.practice.arrays import as_prepared
-from herringbone_sim.practice.baselines import always_none, largest_residual, rivals
+from herringbone_sim.practice.baselines import always_none, largest_residual, report_of, rivals
 from herringbone_sim.practice.campaign import (
     PracticeCampaign,
     make_campaign,
@@ -140,31 +140,14 @@ def diagnose_case(
             case["seconds"] = time.monotonic() - start
         except Exception as error:  # in a bench failure is data
             case["failure"] = "".join(traceback.format_exception(error))
-            report = failure_report(campaign.rig, error)
-            return {"baselines.json": _json(plain), "case.json": _json(case)} | {
-                "report.json": _json(report)
-            }
-        plain |= rivals(campaign.rig, diagnosis.evidence)
-    return {
-        "baselines.json": _json(plain),
-        "evidence.json": _json({} if diagnosis.evidence is None else diagnosis.evidence.written()),
-        "case.json": _json(case),
-        "report.json": _json(diagnosis.report.to_dict()),
-    }
-
-
-def failure_report(rig: str, error: Exception) -> dict[str, Any]:
-    """Return the report of a failed diagnosis, which counts as wrong."""
-    cause = {"effect": FAILED, "locus": {}, "probability": 1.0, "parameters": {}}
-    return {
-        "campaign": rig,
-        "verdict": FAILED,
-        "effects": [FAILED],
-        "causes": [cause],
-        "ambiguous_with": [],
-        "gap": {"closure": None},
-        "failure": f"{type(error).__name__}: {error}",
-    }
+            failure = {"failure": f"{type(error).__name__}: {error}"}
+            found = {"report.json": report_of(campaign.rig, (FAILED,)) | failure}
+        else:
+            plain |= rivals(campaign.rig, diagnosis.evidence)
+            evidence = {} if diagnosis.evidence is None else diagnosis.evidence.written()
+            found = {"evidence.json": evidence, "report.json": diagnosis.report.to_dict()}
+    files = {"baselines.json": plain, "case.json": case, **found}
+    return {name: json.dumps(content) + "\n" for name, content in files.items()}
 
 
 @functools.cache
@@ -184,7 +167,3 @@ def sources() -> str:
     parts = [cache.digest(package / "core", package / "effects").encode()]
     parts += [hashlib.sha256(file.read_bytes()).digest() for file in files]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
-
-
-def _json(content: Mapping[str, Any]) -> str:
-    return json.dumps(content) + "\n"
