@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.api.gear import Gear, any_gear, parts_of
+from herringbone_sim.api.gear import Gear, any_gear
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
 from herringbone_sim.sweeps.grid import STARTS, Axis, Observation, Sweep, with_sweep_steps
@@ -123,7 +124,7 @@ def bifurcation(
     (name, along), starts = *swept.items(), (start,) if isinstance(start, str) else tuple(start)
     if not starts or not set(starts) <= set(STARTS):
         raise ParameterError(f"start must be of {', '.join(STARTS)}, got {start!r}")
-    parameters, actives = parts_of(gear, effects)
+    parameters, actives = gear_parts(gear, effects)
     others = {key: given for key, given in values.items() if key not in swept}
     base = with_sweep_steps(parameters.changed(others), others)
     axis = Axis(name, tuple(float(value) for value in along))

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from herringbone_sim.api.gear import Gear, any_gear, parts_of
+from herringbone_sim.api.gear import Gear, any_gear
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, Followed, trace_cascade
 from herringbone_sim.dynamics.gear_family import GearCache, gear_family
 from herringbone_sim.dynamics.starts import find_start
+from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.views.figures.orbits import orbit_figure, stability_of
 
 
@@ -97,7 +98,7 @@ def orbits(
         ParameterError: a value out of range, or a start outside of the range of the parameter.
         AnalysisError: no orbit at a start.
     """
-    parameters, actives = parts_of(gear, effects)
+    parameters, actives = gear_parts(gear, effects)
     parameters = parameters.changed(changes)
     family, watch = gear_family(parameters, over, *between, actives)
     gears = GearCache(parameters, over, actives)

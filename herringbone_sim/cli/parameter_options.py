@@ -12,9 +12,9 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.effects.written import effects_text, number, read_effects
+from herringbone_sim.effects.written import effects_text, number
 from herringbone_sim.errors import ParameterError
-from herringbone_sim.recording.parameter_file import load_gear
+from herringbone_sim.recording.parameter_file import gear_parts
 
 UNEQUAL_HALVES = (
     "left and right of this gear are not alike: both are integrated, and there are no exponents "
@@ -51,13 +51,8 @@ def gear_from(gear: GearOptions) -> tuple[Parameters, tuple[Active, ...]]:
     Raises:
         ParameterError: no such file, name or effect, or a value out of range.
     """
-    base, actives = load_gear(gear.parameters) if gear.parameters else (Parameters(), ())
-    return base.changed(settings(gear.set)), effects_from(gear.effects, actives)
-
-
-def effects_from(text: str | None, of_file: tuple[Active, ...]) -> tuple[Active, ...]:
-    """Effects of ``--effects``, else those of the file; ParameterError for an unknown effect."""
-    return of_file if text is None else read_effects(text)
+    base, actives = gear_parts(gear.parameters, gear.effects)
+    return base.changed(settings(gear.set)), actives
 
 
 def model_from(gear: GearOptions) -> Model:

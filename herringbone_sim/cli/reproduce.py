@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.demo import config
 from herringbone_sim.cli.options import Count, File, Out, Workers, flattened, limits
-from herringbone_sim.cli.parameter_options import Effects, effects_from, print_gear_notes
+from herringbone_sim.cli.parameter_options import Effects, print_gear_notes
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
@@ -32,7 +32,7 @@ from herringbone_sim.paper.scenarios import (
     motion_name,
 )
 from herringbone_sim.paper.staircase import Reading
-from herringbone_sim.recording.parameter_file import load_gear
+from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures import motion as figures
 from herringbone_sim.views.figures import paper as paper_figures
@@ -76,8 +76,8 @@ def run(
     if sizes.compared == 1:
         raise AnalysisError("--compared must be 2 or more, or 0 for none, got 1")
     scenarios = reproduction.scenarios_of(only)
-    base, of_file = load_gear(parameters or config("paper.yaml"))
-    reading = Reading(base, xi, effects_from(effects, of_file))
+    base, actives = gear_parts(parameters or config("paper.yaml"), effects)
+    reading = Reading(base, xi, actives)
     print_gear_notes(build_with(base, reading.effects))
     make_folder(out / "figures")
     with tqdm(total=0, unit="run", disable=None, smoothing=0.05) as bar:

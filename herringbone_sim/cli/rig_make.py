@@ -15,11 +15,11 @@ from typing import Annotated
 
 from herringbone_sim.cli.options import Count, File, Folder, Names, flattened, limits
 from herringbone_sim.core.model import build
-from herringbone_sim.core.parameters import Parameters, obstacle_text, obstacles
+from herringbone_sim.core.parameters import obstacle_text, obstacles
 from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError, RecordingError
 from herringbone_sim.recording.hidden_effects import hidden_effects
-from herringbone_sim.recording.parameter_file import load_gear
+from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.recording.rig import RigPlan, make_campaign, write_label
 
 EXAMPLES = """\
@@ -68,7 +68,7 @@ def run(*, options: Options) -> int:
         RecordingError: labels inside the campaign.
     """
     file, out = options.parameters, options.out
-    nominal, written = load_gear(file) if file else (Parameters(), ())
+    nominal, written = gear_parts(file)
     nominal = nominal.changed({"model": "full", "samples_per_cycle": 24})
     actives = (*written, *(parse_effect(text) for text in options.effect))
     if options.hidden and actives:

@@ -72,6 +72,24 @@ def load_gear(path: Path | str) -> tuple[Parameters, tuple[Active, ...]]:
         raise ParameterError(f"{path}: {error}") from None
 
 
+def gear_parts(
+    gear: Parameters | Path | str | None, effects: str | None = None
+) -> tuple[Parameters, tuple[Active, ...]]:
+    """Return the parameters and the active effects of a gear.
+
+    Args:
+        gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
+        effects: text such as ``runout@rp:amplitude=2e-5,member=ring`` that replaces the effects
+            of the file; None for those of the file.
+
+    Raises:
+        ParameterError: no such file, a value out of range, or no such effect.
+    """
+    gear = Parameters() if gear is None else gear
+    parameters, of_file = (gear, ()) if isinstance(gear, Parameters) else load_gear(gear)
+    return parameters, of_file if effects is None else read_effects(effects)
+
+
 def gear_of_values(values: Mapping[str, Any]) -> tuple[Parameters, tuple[Active, ...]]:
     """Make parameters and active effects from values by name, as in files and recordings.
 
