@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 from herringbone_sim.cli.options import Run
 from herringbone_sim.errors import listed, shown
 from herringbone_sim.recording.info import OPERATING, Channel, RunInfo, recording_info
+from herringbone_sim.recording.safe_json import plain_numbers
 from herringbone_sim.views.tables.text import aligned
 
 MAX_LINES = 10  # of each list
@@ -33,19 +34,7 @@ def run(run: Run, /, *, json: Annotated[bool, "print JSON, for other programs"] 
 def as_json(info: RunInfo) -> str:
     """Summary of a run as one JSON object; numbers that are not finite become null."""
     content = asdict(info) | {"path": str(info.path), "missing_samples": info.missing}
-    return json.dumps(_plain(content), indent=2, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, bytes):
-        return list(value)
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value
+    return json.dumps(plain_numbers(content), indent=2, allow_nan=False)
 
 
 def as_page(info: RunInfo) -> str:

@@ -14,7 +14,6 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.campaign_checks import check
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.report import plain_numbers
 from herringbone_sim.gap.report_file import StoredReport
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
@@ -26,6 +25,7 @@ from herringbone_sim.gap.verification.serialise import (
     gap_to_dict,
     senses_to_dict,
 )
+from herringbone_sim.recording.safe_json import plain_numbers
 
 Say = Callable[[str], None]
 SCHEMA = "herringbone_sim/gap-verify/1"

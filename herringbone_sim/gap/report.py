@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -24,6 +23,7 @@ from herringbone_sim.gap.verification.serialise import (
     gap_to_dict,
     senses_to_dict,
 )
+from herringbone_sim.recording.safe_json import plain_numbers
 
 SCHEMA = "herringbone_sim/gap-report/1"
 OWN_UNIT = "unit of the channel"  # in the catalogue, unit of parameters of sensor effects
@@ -205,14 +205,3 @@ def _unit(unit: str, channels: Sequence[str]) -> str:
     quantities = {name.partition("_")[0] for name in channels}
     known = {PREFIX_UNITS.get(quantity, unit) for quantity in quantities}
     return known.pop() if unit == OWN_UNIT and len(known) == 1 else unit
-
-
-def plain_numbers(value: Any) -> Any:
-    """Copy of nested plain data with None for numbers that are not finite."""
-    if isinstance(value, dict):
-        return {key: plain_numbers(v) for key, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_numbers(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -1,8 +1,12 @@
-"""Parse untrusted JSON within limits on size and depth; the only JSON reader of this package."""
+"""Parse untrusted JSON within limits on size and depth; make values plain that become JSON.
+
+This is the only JSON reader of this package.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -71,6 +75,19 @@ def parse_json(
     if level:
         raise JsonError(f"its brackets may nest {levels} deep")
     return content
+
+
+def plain_numbers(value: Any) -> Any:
+    """Copy of nested plain data with None for numbers that are not finite, and bytes as lists."""
+    if isinstance(value, dict):
+        return {key: plain_numbers(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_numbers(item) for item in value]
+    if isinstance(value, bytes):
+        return list(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def _held(value: Any) -> Any:
