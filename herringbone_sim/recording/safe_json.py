@@ -41,10 +41,7 @@ def json_text(path: Path) -> str:
         OSError: no such file, unreadable, or not a regular file.
         JsonError: more than ``MOST_BYTES`` bytes, or not UTF-8.
     """
-    try:
-        return file_text(path, MOST_BYTES)
-    except ValueError as error:
-        raise JsonError(f"no JSON: {error}") from None
+    return file_text(path, MOST_BYTES, JsonError, "no JSON: ")
 
 
 def parse_json(

@@ -63,7 +63,7 @@ def read_yaml(path: Path) -> dict[Any, Any]:
         OSError: no such file, unreadable, or not a regular file.
         YamlError: no YAML, beyond the limits, or not a mapping.
     """
-    content = parse_yaml(_text(path))
+    content = parse_yaml(file_text(path, MOST_BYTES, YamlError, "no YAML: "))
     if not isinstance(content, dict):
         raise YamlError(f"the file must hold a mapping, got {shown(content)}")
     return content
@@ -82,14 +82,6 @@ def parse_yaml(text: str) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise YamlError(_describe(error)) from None
-
-
-def _text(path: Path) -> str:
-    """Read the text of a file; YamlError if it is too long or not UTF-8."""
-    try:
-        return file_text(path, MOST_BYTES)
-    except ValueError as error:
-        raise YamlError(f"no YAML: {error}") from None
 
 
 def _check(events: Iterator[Any]) -> None:
