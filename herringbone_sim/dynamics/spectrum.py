@@ -43,18 +43,12 @@ def lyapunov_spectrum(
     frame, _ = orthonormalised(np.random.default_rng(0).normal(size=(k, flow.n)))
     logarithms = np.empty((periods, k))
     for i in range(-transient, periods):
-        y, frame, growth = grow(flow, y, frame, at + transient + i)
+        y, tangents = flow.advance(y, frame, at + transient + i)
+        frame, lengths = orthonormalised(tangents)
         if i >= 0:
-            logarithms[i] = growth
+            with np.errstate(divide="ignore"):
+                logarithms[i] = np.log(lengths)
     return descending(logarithms, flow.period, y)
-
-
-def grow(flow: Flow, y: Array, frame: Array, at: int = 0) -> tuple[Array, Array, Array]:
-    """State (n,), orthonormal frame (k, n) and log growth factors (k,) one period later."""
-    y, tangents = flow.advance(y, frame, at)
-    frame, lengths = orthonormalised(tangents)
-    with np.errstate(divide="ignore"):
-        return y, frame, np.log(lengths)
 
 
 def orthonormalised(tangents: Array) -> tuple[Array, Array]:
