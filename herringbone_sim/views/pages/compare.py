@@ -7,14 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from herringbone_sim.sweeps.compare import Boundary, BoundaryShift, Stretch
+from herringbone_sim.views.figures.diagram import LOOKS
 from herringbone_sim.views.pages.html import Table, number, render
 from herringbone_sim.views.picture import Picture
-
-WAYS = {
-    "fixed": "from the initial state",
-    "up": "continued upwards",
-    "down": "continued downwards",
-}
 
 
 @dataclass(frozen=True)
@@ -24,7 +19,7 @@ class Comparison:
     Attributes:
         name: of the parameter, with its unit.
         facts: lines about both gears and the sweeps.
-        moves: start of the sweeps, key of ``WAYS`` -> matched boundaries; one start or more.
+        moves: start of the sweeps -> matched boundaries; one start or more.
         shares: motion -> fraction of the parameter values (nominal, augmented) at which the sweeps
             with the first start of ``moves`` end in it.
         coexisting: gear -> intervals of the parameter in which several motions coexist.
@@ -70,8 +65,8 @@ def cells(move: BoundaryShift) -> list[str]:
 
 
 def way_words(way: str) -> str:
-    """Return the start of a sweep in words; a start that is no key of ``WAYS`` as it is."""
-    return WAYS.get(way, way)
+    """Return the start of a sweep in words; a start that is no key of ``LOOKS`` as it is."""
+    return LOOKS[way][1] if way in LOOKS else way
 
 
 def compare_page(comparison: Comparison) -> str:
