@@ -27,12 +27,10 @@ from tqdm import tqdm
 
 from herringbone_sim.cli.options import Count, Cycles, High, Low, Mesh, Out, flattened
 from herringbone_sim.cli.parameter_options import GearOptions, gear_from, print_gear_notes
-from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.cascade import CascadeOptions, trace_cascade
 from herringbone_sim.dynamics.flow import GearFlow
 from herringbone_sim.dynamics.gear_family import SWEPT, GearCache, gear_family
 from herringbone_sim.dynamics.starts import find_start
-from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.orbits import orbit_figure
 from herringbone_sim.views.figures.style import save
@@ -100,7 +98,8 @@ def run(*, gear: GearOptions = GearOptions(), options: Options) -> int:
     """
     (p, actives), over, out = gear_from(gear), options.over, options.out
     family, watch = gear_family(p, over, options.low, options.high, actives)
-    mesh, gears = _mesh(options.mesh, p), GearCache(p, over, actives)
+    mesh = 0 if options.mesh is None else p.layout.mesh_index(options.mesh, "--")
+    gears = GearCache(p, over, actives)
     _print_notes(gears(options.low))
     starts = [(v, find_start(gears, family, v, n, options.settle)) for v, n in options.start]
     make_folder(out)
@@ -120,10 +119,3 @@ def _print_notes(flow: GearFlow) -> None:
     print_gear_notes(flow.model)
     if flow.cycles > 1:
         print(f"the forcing repeats after {flow.cycles} mesh cycles: P1 takes as many")
-
-
-def _mesh(name: str | None, p: Parameters) -> int:
-    meshes = p.layout.meshes
-    if name is not None and name not in meshes:
-        raise ParameterError(f"--mesh must be one of {', '.join(meshes)}, got {name!r}")
-    return meshes.index(name) if name else 0

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from herringbone_sim.errors import ParameterError
+
 KINDS = ("sp", "rp")
 SIDES = ("L", "R")
 HEAD = ("t", "phase", "K", "delta_T", "T_1")
@@ -68,6 +70,13 @@ class Layout:
     def meshes(self) -> tuple[str, ...]:
         """Names such as ``sp1_L`` (``sp_L`` when reduced), in the order of mesh arrays."""
         return tuple(f"{k}{p}_{s}" for k in KINDS for s in SIDES for p in self.planets)
+
+    def mesh_index(self, name: str, prefix: str = "") -> int:
+        """Index of a mesh in mesh arrays; ParameterError, after ``prefix``, if there is none."""
+        if name not in self.meshes:
+            known = ", ".join(self.meshes)
+            raise ParameterError(f"{prefix}mesh must be one of {known}, got {name!r}: choose one")
+        return self.meshes.index(name)
 
     @property
     def bodies(self) -> tuple[str, ...]:

@@ -115,9 +115,8 @@ class Sweep:
             raise ParameterError(f"start must be one of {', '.join(STARTS)}, got {self.start!r}")
         if self.chunk < 1:
             raise ParameterError(f"chunk must be 1 or more, got {self.chunk}")
-        if mesh and mesh not in self.base.layout.meshes:
-            meshes = ", ".join(self.base.layout.meshes)
-            raise ParameterError(f"mesh must be one of {meshes}, got {mesh!r}")
+        if mesh:
+            self.base.layout.mesh_index(mesh)
         if self.effects:
             stepper(build(self.base), self.actives)
 

@@ -62,11 +62,8 @@ class Drawing:
             raise ParameterError(
                 f"burst_cycles must be at least 1, got {self.burst_cycles}: choose a larger one"
             )
-        meshes = self.layout.meshes
-        if self.mesh and self.mesh not in meshes:
-            raise ParameterError(
-                f"mesh must be one of {', '.join(meshes)}, got {self.mesh!r}: choose one of them"
-            )
+        if self.mesh:
+            self.layout.mesh_index(self.mesh)
 
 
 @dataclass(frozen=True)
