@@ -67,7 +67,7 @@ def run_bench(
         cases = [(s, seals[name_of(s)]) for s in seeds if name_of(s) in seals]
         todo = [case for case in cases if not _done(folder, name_of(case[0]), again)]
         tasks = [
-            (s, setting, read_label(_label(folder, name_of(s)), sealed), sealed)
+            (s, setting, read_label(label_path(folder, name_of(s)), sealed), sealed)
             for s, sealed in todo
         ]
         look = {"total": len(cases), "initial": len(cases) - len(todo), "desc": "diagnose"}
@@ -94,7 +94,7 @@ def seal_labels(
     todo = [
         (s, setting)
         for s in seeds
-        if not _label(folder, name_of(s)).is_file() and name_of(s) not in left
+        if not label_path(folder, name_of(s)).is_file() and name_of(s) not in left
     ]
     look = {"total": len(seeds), "initial": len(seeds) - len(todo), "desc": "seal labels"}
     for task, (text, reason) in _with_bar(executor, label_of_seed, todo, cores, look):
@@ -102,17 +102,22 @@ def seal_labels(
             left[name_of(task[0])] = reason
             _write(folder / "left_out.json", _json(left))
         else:
-            _write(_label(folder, name_of(task[0])), text)
+            _write(label_path(folder, name_of(task[0])), text)
     seals = read_seals(folder)
     for name in sorted(name_of(s) for s in seeds):
         if name not in seals and name not in left:
-            seals[name] = hashlib.sha256(_label(folder, name).read_bytes()).hexdigest()
+            seals[name] = hashlib.sha256(label_path(folder, name).read_bytes()).hexdigest()
     text = _json(dict(sorted(seals.items())))
     _write(folder / "seals.json", text)
     digest = hashlib.sha256(text.encode()).hexdigest()
     say(f"sealed {len(seals)} labels: {folder / 'seals.json'}, sha256 {digest}")
     if left:
         say(f"left out {len(left)} seeds whose rig leaves the range of any gear")
+
+
+def label_path(folder: Path, name: str) -> Path:
+    """Return the path of the label of a campaign."""
+    return folder / "labels" / f"{name}.json"
 
 
 def read_seals(folder: Path) -> dict[str, str]:
@@ -128,18 +133,6 @@ def read_json(file: Path) -> dict[str, Any]:
         return {}
     except (OSError, JsonError) as error:
         raise AnalysisError(f"can't read {file}: {error}: start in another folder") from None
-
-
-def finished(folder: Path) -> dict[str, str]:
-    """Return the seal (SHA-256 of the label) of each campaign that has a report, by its name.
-
-    A failed diagnosis has a report too.
-    """
-    return {
-        name: sealed
-        for name, sealed in read_seals(folder).items()
-        if (folder / "reports" / name / "report.json").is_file()
-    }
 
 
 def _note(folder: Path, seeds: Sequence[int], setting: Setting, seed_overlap: SeedOverlap) -> None:
@@ -180,10 +173,6 @@ def _done(folder: Path, name: str, again: bool) -> bool:
     if not (place / "report.json").is_file():
         return False
     return not again or read_json(place / "case.json").get("sources") == sources()
-
-
-def _label(folder: Path, name: str) -> Path:
-    return folder / "labels" / f"{name}.json"
 
 
 def _json(content: Mapping[str, Any]) -> str:

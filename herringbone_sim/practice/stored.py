@@ -10,7 +10,7 @@ from typing import Any
 
 from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.practice.bench import finished, read_json, read_seals
+from herringbone_sim.practice.bench import label_path, read_json, read_seals
 from herringbone_sim.practice.label import read_label
 from herringbone_sim.practice.outcome import RELATIVE_ERROR, Outcome, outcome
 
@@ -44,14 +44,9 @@ def read_bench(folder: Path) -> Bench:
         AnalysisError: no finished case, or a report that violates the schema.
         RecordingError: a label was changed.
     """
-    done = finished(folder)
-    if not done:
-        raise AnalysisError(f"{folder} must hold finished campaigns of a bench, got none")
     cases, notes = [], []
     others: dict[str, list[Outcome]] = {}
-    for name, sealed in done.items():
-        label = read_label(folder / "labels" / f"{name}.json", sealed)
-        place = folder / "reports" / name
+    for name, label, place in _trials(folder):
         try:
             cases.append(outcome(label, read_json(place / "report.json"), name))
             for rival, report in read_json(place / "baselines.json").items():
@@ -59,6 +54,8 @@ def read_bench(folder: Path) -> Bench:
         except AnalysisError as error:
             raise AnalysisError(f"{place}: {error}: diagnose it again") from None
         notes.append(read_json(place / "case.json"))
+    if not cases:
+        raise AnalysisError(f"{folder} must hold finished campaigns of a bench, got none")
     return Bench(
         note=read_json(folder / "bench.json"),
         cases=tuple(cases),
@@ -74,6 +71,17 @@ def read_bench(folder: Path) -> Bench:
     )
 
 
+def _trials(folder: Path) -> Iterator[tuple[str, dict[str, Any], Path]]:
+    """Yield name, label and folder of results of each campaign that has a report.
+
+    A failed diagnosis has a report too. RecordingError for a label that was changed.
+    """
+    for name, sealed in read_seals(folder).items():
+        place = folder / "reports" / name
+        if (place / "report.json").is_file():
+            yield name, read_label(label_path(folder, name), sealed), place
+
+
 def stored_evidence(
     folder: Path,
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any], Evidence, float]]:
@@ -86,11 +94,9 @@ def stored_evidence(
         RecordingError: a label can't be read, or was changed after it was sealed.
         AnalysisError: another file can't be read, or is of another version.
     """
-    for name, sealed in finished(folder).items():
-        record = read_json(folder / "reports" / name / "evidence.json")
+    for _, label, place in _trials(folder):
+        record = read_json(place / "evidence.json")
         if record:
-            label = read_label(folder / "labels" / f"{name}.json", sealed)
-            place = folder / "reports" / name
             relative_error = read_json(place / "case.json").get(RELATIVE_ERROR)
             if not isinstance(relative_error, float):
                 raise AnalysisError(
