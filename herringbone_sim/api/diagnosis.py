@@ -51,10 +51,7 @@ class Campaign(NotebookResult):
     def to_pandas(self) -> Any:
         """``pandas.DataFrame`` with a row per run: name, role, operating point."""
         runs = self.recorded.runs
-        names = list(runs[0].point) if runs else []
-        columns = {name: [run.point[name] for run in runs] for name in names}
-        about = {"run": [run.path.name for run in runs], "role": [run.role for run in runs]}
-        return data_frame({**about, **columns})
+        return data_frame([{"run": run.path.name, "role": run.role, **run.point} for run in runs])
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,9 +109,7 @@ class Diagnosis(NotebookResult):
             for cause in self.causes
             for name, value in cause.parameters.items()
         ]
-        return data_frame(
-            {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
-        )
+        return data_frame(rows)
 
     @any_gear()
     def save(self, folder: Path | str) -> Path:
@@ -177,7 +172,7 @@ class Catalogue(NotebookResult):
             for p in effect.parameters
         ]
         names = ("effect", "level", "parameter", "unit", "low", "high", "meaning")
-        return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+        return data_frame(rows, names)
 
 
 def catalogue() -> Catalogue:

@@ -59,7 +59,7 @@ class Orbits(NotebookResult):
             for point in followed.branch.points
         ]
         names = ("branch", self.over, "period", "stability")
-        return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
+        return data_frame(rows, names)
 
     def boundaries(self) -> Any:
         """``pandas.DataFrame`` with a row per boundary, by value: kind, branch and period."""
@@ -69,7 +69,7 @@ class Orbits(NotebookResult):
             for b in followed.boundaries
         ]
         names = (self.over, "kind", "branch", "period")
-        return data_frame({name: [row[i] for row in sorted(rows)] for i, name in enumerate(names)})
+        return data_frame(sorted(rows), names)
 
 
 @any_gear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import importlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -70,9 +70,12 @@ class NotebookResult:
         return f"{text}<img alt='{escape(self.title())}' src='data:image/png;base64,{image}'>"
 
 
-def data_frame(columns: Mapping[str, Any]) -> Any:
-    """Columns by name as a ``pandas.DataFrame``; AnalysisError without pandas."""
-    return library("pandas").DataFrame(dict(columns))
+def data_frame(data: Any, names: Sequence[str] | None = None) -> Any:
+    """Columns by name, or rows, as a ``pandas.DataFrame``; AnalysisError without pandas.
+
+    ``names``: columns of rows that are tuples.
+    """
+    return library("pandas").DataFrame(data, columns=names)
 
 
 def library(name: str) -> Any:
