@@ -229,7 +229,7 @@ def _write(folder: Path, name: str, series: TimeSeries, rig: str) -> None:
     """Write a run as the bag ``name`` in a folder."""
     channels = {"channels": [describe(channel) for channel in series.names], "source": rig}
     writer = RunWriter.create(folder, name, f"/{rig}", channels, series.names, 0)
-    for rows in split_rows(len(series), len(series.names)):
+    for rows in split_rows(len(series), series.names):
         writer.write_samples(series.data[rows])
         writer.flush()  # an interruption then leaves all rows before it
     writer.close()

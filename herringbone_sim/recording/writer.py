@@ -52,23 +52,22 @@ def stamp_ns(t_s: float) -> int:
     return round(t_s * 1e9)
 
 
-def split_rows(n: int, c: int, label_bytes: int | None = None) -> list[slice]:
+def split_rows(n: int, names: Sequence[str]) -> list[slice]:
     """Split the rows of a block (n, c) into slices whose messages have at most 64000 bytes.
 
     Args:
         n: number of samples in the block.
-        c: number of channels.
-        label_bytes: length of the comma-separated channel names; None: 32 per channel.
+        names: of the c channels.
 
     Raises:
         RecordingError: not even one sample fits.
     """
-    head = 64 + (32 * c if label_bytes is None else label_bytes)
-    most = (MESSAGE_LIMIT - head) // (8 * c)
+    head = 64 + len(",".join(names).encode())
+    most = (MESSAGE_LIMIT - head) // (8 * len(names))
     if most < 1:
         raise RecordingError(
-            f"a sample must fit into a message of {MESSAGE_LIMIT} bytes, got {c} channels: "
-            "record fewer channels"
+            f"a sample must fit into a message of {MESSAGE_LIMIT} bytes, got {len(names)} "
+            "channels: record fewer channels"
         )
     return [slice(start, min(start + most, n)) for start in range(0, n, most)]
 
@@ -122,7 +121,7 @@ class RunWriter(RunFiles):
         """
         check_name(name)
         check_channels(channel_names)
-        split_rows(1, len(channel_names), len(",".join(channel_names).encode()))
+        split_rows(1, channel_names)
         text = channels_text(channels)
         prefix = f"/{topic_prefix.strip('/')}" if topic_prefix.strip("/") else ""
         folder = make_run_folder(Path(record_dir).absolute(), name)
@@ -155,8 +154,7 @@ class RunWriter(RunFiles):
                 "in one row a sample and one column a channel"
             )
         times = block[:, self._names.index("t")]
-        label_bytes = len(",".join(self._names).encode())
-        for rows in split_rows(len(block), len(self._names), label_bytes):
+        for rows in split_rows(len(block), self._names):
             message, first_s = encode_samples(self._names, block[rows]), float(times[rows.start])
             self._write(SAMPLES, first_s, message, publish_ns)
             self._counts[-1].add(rows.stop - rows.start, first_s, float(times[rows.stop - 1]))

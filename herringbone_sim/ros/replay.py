@@ -250,7 +250,7 @@ class _Player:
     def _send(self, at: int, end: int) -> None:
         """Publish the rows from ``at`` to before ``end``, and the section points among them."""
         series = self.recording.samples
-        for rows in split_rows(end - at, len(series.names), len(",".join(series.names))):
+        for rows in split_rows(end - at, series.names):
             if self.stop.number:
                 return
             block = series.data[at + rows.start : at + rows.stop]

@@ -182,7 +182,7 @@ class Streams:
             self._monitor.restart()
         self._monitor.update(block, delivery.model)
         self.regime = self._monitor.regime(delivery.model) if self.regime is None else self.regime
-        for rows in split_rows(len(block.rows), len(names), len(",".join(names))):
+        for rows in split_rows(len(block.rows), names):
             self._samples.publish(encode_samples(names, block.rows[rows]))
         self._publish_section(delivery)
         for i in self._decimate(delivery):
@@ -195,7 +195,7 @@ class Streams:
         keep = [0, 1, *range(5, 5 + 2 * n)]
         points = delivery.block.rows[np.ix_(delivery.block.section, keep)]
         wanted = tuple(names[i] for i in keep)
-        for rows in split_rows(len(points), len(wanted), len(",".join(wanted))):
+        for rows in split_rows(len(points), wanted):
             self._section.publish(encode_samples(wanted, points[rows]))
 
     def _publish_state(

@@ -98,11 +98,11 @@ def test_messages_stay_below_64_kb_and_carry_the_time_of_their_first_row(tmp_pat
 
 
 def test_split_rows_covers_a_block_without_overlap():
-    slices = split_rows(1000, 50)
+    slices = split_rows(1000, ["x"] * 50)
     assert np.concatenate([np.arange(1000)[rows] for rows in slices]).tolist() == list(range(1000))
-    assert split_rows(0, 50) == []
+    assert split_rows(0, ["x"] * 50) == []
     with pytest.raises(RecordingError, match="fewer channels"):
-        split_rows(1, 8000)
+        split_rows(1, ["x"] * 8000)
 
 
 def test_an_empty_block_is_nothing(tmp_path):

@@ -28,7 +28,7 @@ from herringbone_sim.recording.importing.spec import (
 from herringbone_sim.recording.importing.turns import unwrapped, with_turns
 from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.parameter_file import save_parameters
-from herringbone_sim.recording.writer import RunWriter, split_rows
+from herringbone_sim.recording.writer import RunWriter
 
 Say = Callable[[str], None]
 NOMINAL = "nominal.yaml"
@@ -225,8 +225,7 @@ def _write(folder: Path, name: str, rig: str, columns: Mapping[str, Array]) -> N
     names, data = tuple(columns), np.column_stack(list(columns.values()))
     content = {"channels": [_described(channel) for channel in names], "source": rig}
     writer = RunWriter.create(folder, name, "/rig", content, names, 0)
-    for rows in split_rows(len(data), len(names)):
-        writer.write_samples(data[rows])
+    writer.write_samples(data)
     writer.close()
 
 
