@@ -287,10 +287,7 @@ def _check_all(p: Parameters, changed: Iterable[str]) -> None:
 def _check(name: str, value: Any, about: Meaning) -> None:
     """Raise ParameterError for a wrong type, a value that is not finite, or one out of range."""
     if about.choices:
-        if value not in about.choices:
-            raise ParameterError(
-                f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
-            )
+        check_value(name, value, about)
         return
     default = Parameters.__dataclass_fields__[name].default
     number: Any = numbers.Integral if isinstance(default, int) else numbers.Real
@@ -299,13 +296,23 @@ def _check(name: str, value: Any, about: Meaning) -> None:
     for entry in value if isinstance(value, tuple) else (value,):
         if isinstance(entry, bool) or not isinstance(entry, number):
             raise ParameterError(f"{name} must be {number.__name__.lower()}, got {shown(entry)}")
-        if not math.isfinite(entry):
-            raise ParameterError(f"{name} [{about.unit}] must be finite, got {shown(entry)}")
-        if not about.low <= entry <= about.high:
+        check_value(name, entry, about)
+
+
+def check_value(name: str, value: Any, about: Meaning) -> None:
+    """Raise ParameterError for a value not among the choices, not finite, or out of range."""
+    if about.choices:
+        if value not in about.choices:
             raise ParameterError(
-                f"{name} [{about.unit}] must lie in {about.low:g} .. {about.high:g}, "
-                f"got {shown(entry)}: choose a value inside"
+                f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
             )
+    elif not math.isfinite(value):
+        raise ParameterError(f"{name} [{about.unit}] must be finite, got {shown(value)}")
+    elif not about.low <= value <= about.high:
+        raise ParameterError(
+            f"{name} [{about.unit}] must lie in {about.low:g} .. {about.high:g}, "
+            f"got {shown(value)}: choose a value inside"
+        )
 
 
 def lengths(p: Parameters) -> dict[str, tuple[int, int]]:

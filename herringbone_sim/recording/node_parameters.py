@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -193,15 +192,8 @@ def check(name: str, value: Any) -> None:
             )
         if name == EFFECTS:
             read_effects(value)
-        if about.choices and value not in about.choices:
-            raise ParameterError(
-                f"{name} must be one of {', '.join(about.choices)}, got {shown(value)}"
-            )
-    elif kind is not bool and not (math.isfinite(value) and about.low <= value <= about.high):
-        raise ParameterError(
-            f"{name} [{about.unit}] must be finite and lie in {about.low:g} .. {about.high:g}, "
-            f"got {shown(value)}"
-        )
+    if kind is not str or about.choices:
+        core.check_value(name, value, about)
 
 
 def gear_of_node(path: Path) -> tuple[Parameters, tuple[Active, ...], list[str]]:
