@@ -138,7 +138,7 @@ class Curve:
         value, points = self.family.value(float(z[-1])), self.points(z)
         flow = self.family.flow_at(value)
         jacobians = np.array([flow.advance(y, np.eye(flow.n))[1].T for y in points])
-        orbit = Orbit(points, jacobians, 0.0, iterations)
+        orbit = Orbit(points, jacobians)
         mirror = self.family.mirror if self.symmetric else None
         return BranchPoint(value, z, tangent, orbit, multipliers(orbit, mirror), iterations)
 

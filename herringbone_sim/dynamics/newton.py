@@ -23,13 +23,11 @@ class Solution:
 
     Attributes:
         z: (k,) last iterate.
-        residual: largest absolute residual there.
         iterations: number of Newton iterations.
         reason: why it did not converge; empty if it did.
     """
 
     z: Array
-    residual: float
     iterations: int
     reason: str = ""
 
@@ -45,24 +43,25 @@ def newton(equations: Equations, z: Array) -> Solution:
     try:
         residual, jacobian = equations(z)
     except (DivergenceError, ParameterError) as error:
-        return Solution(z, float("nan"), 0, str(error))
+        return Solution(z, 0, str(error))
     for iteration in range(MAX_ITERATIONS):
         size = float(np.abs(residual).max())
         if size <= TOLERANCE:
-            return Solution(z, size, iteration)
+            return Solution(z, iteration)
         try:
             step = np.linalg.solve(jacobian, -residual)
         except np.linalg.LinAlgError:
-            return Solution(z, size, iteration, "the Jacobian is singular")
+            return Solution(z, iteration, "the Jacobian is singular")
         share = 1.0
         while (attempt := _attempt(equations, z + share * step, size)) is None:
             share *= 0.5
             if share < SHORTEST:
-                return Solution(z, size, iteration, "no step along Newton's direction helps")
+                return Solution(z, iteration, "no step along Newton's direction helps")
         z, (residual, jacobian) = z + share * step, attempt
-    size = float(np.abs(residual).max())
-    reason = "" if size <= TOLERANCE else f"no convergence in {MAX_ITERATIONS} steps"
-    return Solution(z, size, MAX_ITERATIONS, reason)
+    reason = (
+        "" if np.abs(residual).max() <= TOLERANCE else f"no convergence in {MAX_ITERATIONS} steps"
+    )
+    return Solution(z, MAX_ITERATIONS, reason)
 
 
 def _attempt(equations: Equations, z: Array, size: float) -> tuple[Array, Array] | None:

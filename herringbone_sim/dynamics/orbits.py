@@ -32,15 +32,11 @@ class Orbit:
     Attributes:
         points: (period, n) states at phase 0, one per forcing period.
         jacobians: (period, n, n) of the map at each state.
-        residual: largest ``|P(y_i) - y_(i+1)|``, P being the map over a forcing period.
-        iterations: Newton iterations.
         reason: why the search failed; empty if it converged.
     """
 
     points: Array
     jacobians: Array
-    residual: float
-    iterations: int
     reason: str = ""
 
     @property
@@ -95,7 +91,7 @@ def find_orbit(flow: Flow, start: Array, period: int = 1, mirror: Indices | None
         points = points if points.ndim == 2 else iterate(flow, points, period)
     except DivergenceError as error:
         nothing = np.full((period, flow.n, flow.n), np.nan)
-        return Orbit(np.tile(points, (period, 1)), nothing, float("nan"), 0, str(error))
+        return Orbit(np.tile(points, (period, 1)), nothing, str(error))
     basis, period = basis_of(points, mirror), len(points)
 
     def equations(z: Array) -> tuple[Array, Array]:
@@ -107,7 +103,7 @@ def find_orbit(flow: Flow, start: Array, period: int = 1, mirror: Indices | None
         jacobians = np.array([flow.advance(y, np.eye(flow.n))[1].T for y in points])
     except DivergenceError:
         jacobians = np.full((period, flow.n, flow.n), np.nan)
-    return Orbit(points, jacobians, solution.residual, solution.iterations, solution.reason)
+    return Orbit(points, jacobians, solution.reason)
 
 
 def shoot(flow: Flow, z: Array, basis: Array) -> tuple[Array, Array]:
