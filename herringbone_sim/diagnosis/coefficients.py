@@ -156,13 +156,16 @@ class CampaignProducts:
         A[:, :n, :n], b[:, :n] = self.base_A, self.base_b
         for o in self.observations:
             X = np.zeros((runs, q, self._x[o].shape[1]))
-            for row, index, W in self._weights(coefficients, o):
+            for rows, index, weights in self._weights_alike(coefficients, o):
+                row, each = rows[:, None], slice(None)
+                W = weights.transpose(0, 2, 1, 3).reshape(runs, q, -1)
                 T = W.transpose(0, 2, 1)
                 for r, of_run in enumerate(self.runs):
-                    A[r, n:, n:] += of_run[o].grams.weighted(row, index, W[r])
-                A[:, :n, n:] += self._base_G[o][:, :, row, index] @ T
-                b[:, n:] += (W @ self._b[o][:, row, index][:, :, None])[:, :, 0]
-                X += W @ self._x[o][:, :, row, index].transpose(0, 2, 1)
+                    A[r, n:, n:] += of_run[o].grams.weighted(rows, index, weights[r])
+                G, x = (whole[o][each, each, row, index] for whole in (self._base_G, self._x))
+                A[:, :n, n:] += G.reshape(runs, n, T.shape[1]) @ T
+                b[:, n:] += (W @ self._b[o][each, row, index].reshape(runs, -1, 1))[:, :, 0]
+                X += W @ x.reshape(*x.shape[:2], T.shape[1]).transpose(0, 2, 1)
             A[:, n:, n:] -= X @ X.transpose(0, 2, 1)
             A[:, :n, n:] -= self._base_x[o] @ X.transpose(0, 2, 1)
         A[:, n:, :n] = A[:, :n, n:].transpose(0, 2, 1)
@@ -188,3 +191,17 @@ class CampaignProducts:
             for i, f, w in entries:
                 W[:, i, index[f]] += w
             yield row, np.array(list(index)), W
+
+    def _weights_alike(
+        self, coefficients: Sequence[Coefficient], o: str
+    ) -> Iterator[tuple[Indices, Indices, Array]]:
+        """Yield rows (g,) with the same functions together; otherwise as ``_weights``.
+
+        Weights are (runs, g, coefficients, k).
+        """
+        alike: dict[bytes, list[tuple[int, Indices, Array]]] = {}
+        for row, index, W in self._weights(coefficients, o):
+            alike.setdefault(index.tobytes(), []).append((row, index, W))
+        for group in alike.values():
+            rows, (index, *_), weights = zip(*group, strict=True)
+            yield np.array(rows), index, np.stack(weights, axis=1)

@@ -209,7 +209,7 @@ def _cross_predict_by_turns(
             left, used = y[others], np.zeros(0, dtype=int)
             for error in off:
                 fit = (f * left.astype(f.dtype)) @ v.T / size
-                used = np.union1d(used, np.argsort(-np.abs(fit), axis=None)[: SPARSE_SIZES[0]])
+                used = np.union1d(used, _largest(np.abs(fit.ravel()), SPARSE_SIZES[0]))
                 factor, wave = np.unravel_index(used, fit.shape)
                 P = v[wave] * f[factor]
                 weights = np.linalg.solve(P @ P.T + np.eye(len(P)), P @ y[others])
@@ -242,14 +242,15 @@ def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
         fold, run: (n,) half (0 or 1) and run of each sample.
     """
 
-    def halved(inside: Flags) -> list[tuple[Indices, Array, Array, Array]]:
-        """Samples, features P, P'P and P'y of each half of the samples ``inside`` (n,)."""
-        some = [(at, P[at]) for at in (np.flatnonzero(inside & (fold == h)) for h in (0, 1))]
-        return [(at, p, p.T @ p, p.T @ y[at]) for at, p in some]
+    def part(inside: Flags) -> tuple[Indices, Array, Array, Array]:
+        """Samples ``inside`` (n,), their features P, P'P and P'y."""
+        at = np.flatnonzero(inside)
+        p = P[at]
+        return at, p, p.T @ p, p.T @ y[at]
 
-    all_runs = [halved(np.ones(len(y), bool))]
-    # Also run by run: dependence on quantities constant within a run need not be smooth.
-    alone = [halved(run == r) for r in np.unique(run)]
+    # Run by run, too: dependence on quantities constant within a run need not be smooth.
+    alone = [[[part((run == r) & (fold == h))] for h in (0, 1)] for r in np.unique(run)]
+    all_runs = [[[pair[h][0] for pair in alone] for h in (0, 1)]]
     # Pairs of halves, number of features used (those most correlated with y), penalty.
     tried = [(all_runs, P.shape[1], ridge) for ridge in RIDGES]
     tried += [(all_runs, size, 1.0) for size in SPARSE_SIZES]
@@ -258,10 +259,19 @@ def _cross_predict(P: Array, y: Array, fold: Indices, run: Indices) -> Array:
     for pairs, size, ridge in tried:
         off = y.copy()
         for pair in pairs:
-            for (at, own, _, _), (_, _, A, b) in (pair, pair[::-1]):
-                if size < len(b):
-                    use = np.argsort(-(b**2) / np.maximum(np.diag(A), 1e-12))[:size]
-                    A, b, own = A[np.ix_(use, use)], b[use], own[:, use]
-                off[at] = y[at] - own @ np.linalg.solve(A + ridge * np.eye(len(b)), b)
+            for parts, others in (pair, pair[::-1]):
+                A = np.sum([gram for _, _, gram, _ in others], axis=0)
+                b = np.sum([product for _, _, _, product in others], axis=0)
+                use = _largest(b**2 / np.maximum(np.diag(A), 1e-12), size)
+                weights = np.linalg.solve(A[np.ix_(use, use)] + ridge * np.eye(len(use)), b[use])
+                for at, own, _, _ in parts:
+                    off[at] = y[at] - own[:, use] @ weights
         best = off if float(off @ off) < float(best @ best) else best
     return best
+
+
+def _largest(values: Array, size: int) -> Indices:
+    """Indices of the ``size`` largest of some values (n,), in any order; of all, if n is less."""
+    if size >= len(values):
+        return np.arange(len(values))
+    return np.argpartition(-values, size)[:size]

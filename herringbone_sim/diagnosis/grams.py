@@ -13,8 +13,8 @@ from herringbone_sim.arrays import Array, Indices
 class Grams(Protocol):
     """Gram matrices of the columns of each row."""
 
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        """Weights (p, k) on k functions on both sides of a row's matrix: (p, p)."""
+    def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
+        """Weights (g, p, k) on k functions on both sides of g rows' matrices: their sum (p, p)."""
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
@@ -30,9 +30,9 @@ class DenseGrams:
 
     values: Array
 
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        entries = self.values[row][np.ix_(functions, functions)]
-        return np.asarray(weights @ entries @ weights.T)
+    def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
+        entries = self.values[rows[:, None, None], functions[:, None], functions]
+        return np.asarray(np.tensordot(weights @ entries, weights, ((0, 2), (0, 2))))
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         return np.asarray(weights @ self.values[row][functions])
@@ -61,10 +61,13 @@ class GramsOfColumns:
     scale: Array
     nuisance: Array
 
-    def weighted(self, row: int, functions: Indices, weights: Array) -> Array:
-        X = weights @ self._columns(row, functions)
-        U = weights @ self.nuisance[row][:, functions].T
-        return np.asarray(self.scale[row] * (X @ X.T) - U @ U.T)
+    def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
+        whole = np.zeros((weights.shape[1], weights.shape[1]))
+        for row, w in zip(rows.tolist(), weights, strict=True):
+            X = w @ self._columns(row, functions)
+            U = w @ self.nuisance[row][:, functions].T
+            whole += self.scale[row] * (X @ X.T) - U @ U.T
+        return whole
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
         X = self.scale[row] * (weights @ self._columns(row, functions))

@@ -41,7 +41,12 @@ def a_block(seed, name="law", n=25, rows=2, functions=("f", "g", "h"), kinds=(2,
 def gram_matrices(found):
     """(rows, Q, Q) Gram matrices of products."""
     rows, Q = found.c.shape
-    return np.array([found.grams.weighted(row, np.arange(Q), np.eye(Q)) for row in range(rows)])
+    return np.array(
+        [
+            found.grams.weighted(np.array([row]), np.arange(Q), np.eye(Q)[None])
+            for row in range(rows)
+        ]
+    )
 
 
 def dense(block):

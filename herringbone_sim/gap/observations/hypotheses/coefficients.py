@@ -25,7 +25,8 @@ class CoefficientBuilder:
     def __init__(self, gear: GearObservations) -> None:
         self.gear = gear
         self.runs = len(gear.runs)
-        self._reach = inertia_parts(gear.model).sum(0)
+        every = inertia_parts(gear.model).sum(0).T
+        self._reach = [(np.flatnonzero(row).tolist(), row[row != 0.0]) for row in every]
 
     @property
     def window_observation(self) -> tuple[str, ...]:
@@ -42,40 +43,49 @@ class CoefficientBuilder:
                 function for a coefficient of 1; a number, (rows,) or (runs, rows).
             sd, bound, center: see ``Coefficient``.
         """
-        placed: dict[str, list[tuple[int, str, Array]]] = {}
+        placed: dict[str, tuple[list[int], list[str], list[Array]]] = {}
         for key, weight in weights.items():
             o, function = (force_law.NAME, key) if isinstance(key, str) else key
             self._append(placed, o, function, np.asarray(weight, dtype=float))
         parts = {
-            o: Placement(
-                tuple(row for row, _, _ in all_),
-                tuple(f for _, f, _ in all_),
-                np.array([w for _, _, w in all_]).T.reshape(self.runs, -1),
-            )
-            for o, all_ in placed.items()
+            o: Placement(tuple(rows), tuple(functions), np.concatenate(columns).T)
+            for o, (rows, functions, columns) in placed.items()
         }
         return Coefficient(name, sd, bound, parts, center)
 
     def _append(
-        self, placed: dict[str, list[tuple[int, str, Array]]], o: str, function: str, weight: Array
+        self,
+        placed: dict[str, tuple[list[int], list[str], list[Array]]],
+        o: str,
+        function: str,
+        weight: Array,
     ) -> None:
-        """Append (row, function, weights (runs,)), and those that follow, to ``placed``."""
-        rows = self.rows(o)
-        w = np.broadcast_to(weight, (self.runs, rows))
-        for row in np.flatnonzero(w[0] if weight.ndim < 2 else w.any(axis=0)):
-            placed.setdefault(o, []).append((int(row), function, w[:, row]))
-            if o == force_law.NAME and self.gear.uses_windows:
-                at = f"{function} of {row}"
-                placed.setdefault(trajectory.NAME, []).append((0, at, w[:, row]))
-            if (
-                o == force_law.NAME
-                and self.gear.modelled[row]
-                and not force_law.of_force_sensor(function)
-            ):
-                at = f"{function} of {row}"
-                for z in np.flatnonzero(self._reach[:, row]):
-                    entry = (int(z), at, self._reach[z, row] * w[:, row])
-                    placed.setdefault(torque_balance.NAME, []).append(entry)
+        """Add rows, functions and weights (k, runs), and those that follow, to ``placed``."""
+
+        def add(o: str, rows: list[int], functions: list[str], columns: Array) -> None:
+            of_rows, of_functions, of_columns = placed.setdefault(o, ([], [], []))
+            of_rows += rows
+            of_functions += functions
+            of_columns.append(columns)
+
+        w = np.empty((self.rows(o), self.runs))
+        w.T[:] = weight
+        rows = np.flatnonzero(w[:, 0] if weight.ndim < 2 else w.any(axis=1)).tolist()
+        if not rows:
+            return
+        add(o, rows, [function] * len(rows), w[rows])
+        if o != force_law.NAME:
+            return
+        in_meshes = [f"{function} of {row}" for row in rows]
+        if self.gear.uses_windows:
+            add(trajectory.NAME, [0] * len(rows), in_meshes, w[rows])
+        if force_law.of_force_sensor(function):
+            return
+        for row, name in zip(rows, in_meshes, strict=True):
+            if self.gear.modelled[row]:
+                moved, reach = self._reach[row]
+                columns = reach[:, None] * w[row]
+                add(torque_balance.NAME, moved, [name] * len(moved), columns)
 
     def rows(self, o: str) -> int:
         """Number of rows of observation ``o``."""
