@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.diagnosis.flexible import RegressionInputs
+from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.score import Score
 
@@ -25,6 +26,9 @@ Amplitudes = Mapping[str, Mapping[str, Array]]
 
 class Machine(Protocol):
     """A machine with recorded runs; its observations can be linearised about any amplitudes.
+
+    What a method does by default is right for a machine that is nearly linear, without hidden
+    parts or unknown states of motion, all of whose recorded values are in use.
 
     Attributes:
         base: coefficients that every hypothesis contains: the tolerances.
@@ -44,7 +48,9 @@ class Machine(Protocol):
         """All hypotheses of the catalogue: every effect at every place with every option."""
 
     def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses that a residual suggests beyond the catalogue, such as a damaged tooth.
+        """Hypotheses that a residual suggests beyond the catalogue; by default none.
+
+        Such as a damaged tooth.
 
         Args:
             amplitudes: of the current fit, whose residual is searched.
@@ -54,6 +60,7 @@ class Machine(Protocol):
             Machine extended by the functions of the new hypotheses (itself if there are none),
             and the new hypotheses.
         """
+        return self, []
 
     def improved(
         self, hypothesis: Hypothesis, amplitudes: Amplitudes, known: Score
@@ -66,25 +73,29 @@ class Machine(Protocol):
 
         Returns:
             Machine extended by the functions of parts with other parameters, and their
-            hypotheses; none where nothing can be searched.
+            hypotheses; none, as by default, where nothing can be searched.
         """
+        return self, []
 
     def restarted_from_other_sizes(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
         """Start values (p,) at which an effect may fit better than it does, with other states.
 
-        None where states are not estimated, or none was found.
+        None where states are not estimated, as by default, or none was found.
         """
+        return None
 
     def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
         """Orders of hidden parts that are alike, see ``diagnosis.orders``.
 
         Returns:
             For each order the functions that replace those named, the present order first; and
-            (runs,) whether a run may be reordered.
+            (runs,) whether a run may be reordered. By default one order.
         """
+        return [{}], np.zeros(self.runs, dtype=bool)
 
     def reordered(self, choice: Sequence[int]) -> Machine:
-        """The machine with the parts of each run in one of ``orders``."""
+        """The machine with the parts of each run in one of ``orders``; by default itself."""
+        return self
 
     def nonlinear_trials(
         self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
@@ -98,34 +109,44 @@ class Machine(Protocol):
 
         Returns:
             Triples of chi2 left, hypothesis and start values of its fit (p,), best first; may be
-            empty.
+            empty, as by default.
         """
+        return []
 
     @property
     def estimates_states(self) -> bool:
-        """Whether blocks contain unknown states of motion, fitted anew with every explanation."""
+        """Whether blocks contain unknown states of motion, fitted anew with every explanation.
+
+        By default they do not.
+        """
+        return False
 
     def fitted_in_parallel(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
         """Results of ``fit(machine, item)``, which can be pickled, for each item; side by side.
 
         What ``fit`` changes may be lost, but for states of motion: those fitted for one item are
-        no starts of those for another, but of all later ones.
+        no starts of those for another, but of all later ones. By default in processes, without
+        states to remember.
         """
+        return forked_map(lambda item: fit(self, item), items)
 
     def states_improve(self, amplitudes: Amplitudes) -> bool:
         """Whether states fitted again at amplitudes leave less chi2, by more than chance.
 
-        False where states are not estimated.
+        False, as by default, where states are not estimated.
         """
+        return False
 
     def with_more_values(self) -> Machine | None:
-        """Copy that compares more values of its runs; None where no more can be used."""
+        """Copy that compares more values of its runs; None where no more can be, as by default."""
+        return None
 
     def without_linearisation(self) -> Machine:
         """Copy whose blocks are computed exactly at the amplitudes, none extrapolated linearly.
 
-        The machine itself where its blocks always are.
+        The machine itself, as by default, where its blocks always are.
         """
+        return self
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         """Measured quantities on which an unknown law of the rows of a block of run r may depend.

@@ -6,18 +6,15 @@ minus the gain of momentum; needs no force law, so of the effects only an error 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.diagnosis.flexible import RegressionInputs
-from herringbone_sim.diagnosis.machine import A, Amplitudes, B, Hypothesis, Machine
-from herringbone_sim.diagnosis.parallel import forked_map
+from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis, Machine
 from herringbone_sim.diagnosis.products import Block
-from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.examples.damper import effects
 from herringbone_sim.examples.damper.effects import (
     FUNCTIONS,
@@ -71,66 +68,19 @@ def presliding(v: Array, force: float, longer: float, travel: float) -> dict[str
     return {"force": force * slip + longer * bend, "slip": slip, "longer": bend}
 
 
-class Damper:
+class Damper(Machine):
     """Recorded runs of a damper, as the engine needs them: see ``diagnosis.machine.Machine``."""
+
+    functions: Mapping[str, tuple[str, ...]] = FUNCTIONS
 
     def __init__(self, recorded: Sequence[Run]) -> None:
         self.recorded, self.runs = tuple(recorded), len(recorded)
         self.base = effects.tolerances(self.runs)
-        self.functions: Mapping[str, tuple[str, ...]] = FUNCTIONS
-        self.rows: Mapping[str, int] = dict.fromkeys(FUNCTIONS, 1)
+        self.rows = dict.fromkeys(FUNCTIONS, 1)
         self._linear_columns = [{name: f(r) for name, f in LINEAR.items()} for r in self.recorded]
 
     def hypotheses(self) -> list[Hypothesis]:
         return effects.hypotheses(self.runs)
-
-    def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Damper, list[Hypothesis]]:
-        """No proposals: the catalogue is complete."""
-        return self, []
-
-    def improved(
-        self, hypothesis: Hypothesis, amplitudes: Amplitudes, known: Score
-    ) -> tuple[Damper, list[Hypothesis]]:
-        """No search: no effect is a moving part."""
-        return self, []
-
-    def restarted_from_other_sizes(self, hypothesis: Hypothesis, fit: Score) -> Array | None:
-        """None: no states are estimated."""
-        return None
-
-    def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
-        """One order: no part is hidden."""
-        return [{}], np.zeros(self.runs, dtype=bool)
-
-    def reordered(self, choice: Sequence[int]) -> Damper:
-        """The damper itself."""
-        return self
-
-    def nonlinear_trials(
-        self, ranked: Sequence[tuple[Hypothesis, Array]], known: Score
-    ) -> list[tuple[float, Hypothesis, Array]]:
-        """No trials: the damper is nearly linear."""
-        return []
-
-    @property
-    def estimates_states(self) -> bool:
-        """False: displacement and velocity are recorded."""
-        return False
-
-    def fitted_in_parallel(self, fit: Callable[[Machine, A], B], items: Sequence[A]) -> list[B]:
-        """Fits side by side in processes."""
-        return forked_map(lambda item: fit(self, item), items)
-
-    def states_improve(self, amplitudes: Amplitudes) -> bool:
-        """False: no states are estimated."""
-        return False
-
-    def with_more_values(self) -> None:
-        """None: all recorded values are in use."""
-
-    def without_linearisation(self) -> Damper:
-        """The machine itself: its blocks are always computed exactly."""
-        return self
 
     def regression_inputs(self, observation: str, r: int, block: Block) -> RegressionInputs:
         run = self.recorded[r]
