@@ -6,7 +6,7 @@ can be measured against it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,8 @@ def from_parameters(
 ) -> Augmented:
     """Augmented model from its parameters ``own`` and effects; inverts ``parameters_of``."""
     before, after = (build(p.changed({"model": "full"})) for p in (nominal, own))
-    factors = np.concatenate([_kind_ratios(before, after, of) for of in (_k, _c, _e)])
+    old, new = (_means(model) for model in (before, after))
+    factors = np.divide(new, old, out=np.ones(6), where=old != 0.0)
     masses = [
         (m.packed.inv_M_s.mean(), m.packed.inv_M_p.mean(), m.packed.inv_M_c)
         for m in (before, after)
@@ -98,24 +99,9 @@ def save_augmented(path: Path, nominal: Parameters, model: Augmented, campaign: 
     save_parameters(path, own, TITLE.format(campaign=campaign), model.actives)
 
 
-def _k(model: Model) -> Array:
-    """Mean stiffness (n_mesh,) [N/m]."""
-    return mean_stiffness(model.parameters)
-
-
-def _c(model: Model) -> Array:
-    """Damping (n_mesh,) [N s/m]."""
-    return model.damping_n_s_per_m
-
-
-def _e(model: Model) -> Array:
-    """Amplitude of the mesh error (n_mesh,) [b_c]."""
+def _means(model: Model) -> Array:
+    """Means (6,) of k [N/m], c [N s/m] and the amplitude of e [b_c] on sun and ring meshes."""
     p = model.parameters
-    return p.e_m * np.array(spread(p.e_factor, model.layout.n_mesh))
-
-
-def _kind_ratios(before: Model, after: Model, quantity: Callable[[Model], Array]) -> Array:
-    """Ratio (2,) after / before of a quantity's mean over sun, ring meshes; 1 where it was 0."""
-    old, new = (quantity(m).reshape(2, -1).mean(axis=1) for m in (before, after))
-    ratio: Array = np.divide(new, old, out=np.ones(2), where=old != 0.0)
-    return ratio
+    e = p.e_m * np.array(spread(p.e_factor, model.layout.n_mesh))
+    by_mesh = np.stack([mean_stiffness(p), model.damping_n_s_per_m, e])
+    return np.asarray(by_mesh.reshape(6, -1).mean(axis=1))
