@@ -4,8 +4,6 @@ The prediction of one explanation minus that of the other, after a fit of the pa
 other and of the tolerances of the nominal gear; in the mesh forces, or in the accelerations of the
 coordinates. The predictions are linearised at the best fit of each explanation; parameters stay
 within their bounds.
-
-Over 300 lines: what a fit of one explanation to another needs stands together.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
@@ -29,7 +26,13 @@ from herringbone_sim.gap.attribution.effect_forces import (
 from herringbone_sim.gap.data.kinematics import forces_to_coordinates
 from herringbone_sim.gap.residuals.balance_without_forces import WIDTH as MOTION_WIDTH
 from herringbone_sim.gap.residuals.balance_without_forces import fused_noise, motion_balance
-from herringbone_sim.gap.residuals.recalibrate import BOUNDS, HEAVIEST, ForceLaw, force_law
+from herringbone_sim.gap.residuals.recalibrate import (
+    BOUNDS,
+    HEAVIEST,
+    ForceLaw,
+    bounded_step,
+    force_law,
+)
 from herringbone_sim.gap.residuals.torque_balance import WIDTH as BALANCE_WIDTH
 from herringbone_sim.gap.residuals.torque_balance import (
     Balance,
@@ -40,6 +43,7 @@ from herringbone_sim.gap.residuals.torque_balance import (
 from herringbone_sim.gap.verdict.effect_texts import effect_names
 
 SEED = 21  # of the noise realisation from which the noise of accelerations is estimated
+SUMMED = ("A", "b", "chi2", "count")  # what separations of several runs add up
 FORCES, BALANCE, MOTION = "forces", "balance", "motion"  # quantities, see ``linear_predictions``
 
 
@@ -101,23 +105,11 @@ class Separation:
     high: Array
 
     def __add__(self, other: Separation) -> Separation:
-        return replace(
-            self,
-            A=self.A + other.A,
-            b=self.b + other.b,
-            chi2=self.chi2 + other.chi2,
-            count=self.count + other.count,
-        )
+        return replace(self, **{n: getattr(self, n) + getattr(other, n) for n in SUMMED})
 
     def times(self, weight: float) -> Separation:
         """Copy for ``weight`` times as many values."""
-        return replace(
-            self,
-            A=weight * self.A,
-            b=weight * self.b,
-            chi2=weight * self.chi2,
-            count=weight * self.count,
-        )
+        return replace(self, **{n: weight * getattr(self, n) for n in SUMMED})
 
     @property
     def finite(self) -> bool:
@@ -129,10 +121,8 @@ class Separation:
         """Sum of squares of the difference after the fit, with parameters inside their bounds."""
         scale = 1.0 / np.sqrt(np.maximum(np.diag(self.A), 1e-300))
         scaled = self.A * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-        root = np.linalg.cholesky(scaled).T
-        right = np.linalg.solve(root.T, scale * self.b)
-        solution = lsq_linear(root, right, bounds=(self.low / scale, self.high / scale))
-        beta = scale * solution.x
+        low, high = self.low / scale, self.high / scale
+        beta = scale * bounded_step(scaled, scale * self.b, low, high)
         return max(float(self.chi2 - 2.0 * self.b @ beta + beta @ self.A @ beta), 0.0)
 
 
@@ -192,7 +182,7 @@ def _linear_prediction(
             moved, h = _with_step(active, k)
             changed = (*explanation.actives[:i], moved, *explanation.actives[i + 1 :])
             columns.append((predictor.values(explanation, law, changed) - values) / h)
-    # lsq_linear needs a non-empty interval, also for a fit on a bound.
+    # bounded_step needs a non-empty interval, also for a fit on a bound.
     below, above = np.minimum(low, -1e-9), np.maximum(high, 1e-9)
     J = np.stack(columns)
     # einsum, as a threaded matrix product of this size is much slower on shared cores.
@@ -232,8 +222,7 @@ class _Forces:
 
     def _white(self, force: Array) -> Array:
         c = self.case
-        white: Array = np.where(c.usable, np.nan_to_num(force / c.floor), 0.0)[:, c.usable]
-        return white.ravel()
+        return np.where(c.usable, np.nan_to_num(force / c.floor), 0.0)[:, c.usable].ravel()
 
 
 @dataclass(frozen=True)
@@ -283,12 +272,10 @@ class _Bodies:
         return middle - half, middle + half
 
     def _average(self, values: Array) -> Array:
-        averaged: Array = window_of(self.case.run, self.width).average(values)
-        return averaged
+        return np.asarray(window_of(self.case.run, self.width).average(values))
 
     def _white(self, values: Array) -> Array:
-        white: Array = (values / self.balance.sigma).ravel()
-        return white
+        return np.asarray(values / self.balance.sigma).ravel()
 
 
 def _bodies(case: FusedRun, explanation: ExplanationAtFit, motion: bool) -> _Bodies:

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import permutations
+from operator import add
 
 import numpy as np
 
@@ -109,7 +111,8 @@ def design(
     safe = [run for run in runs if run is not None and run.peak_n < MOST_FORCE * most]
     if not safe:
         return None
-    so_far = _sum([_separations(c, fitted, quantity) for c in cases])
+    by_run = [_separations(c, fitted, quantity) for c in cases]
+    so_far = [reduce(add, of_pair) for of_pair in zip(*by_run, strict=True)]
     tested = [(run, _separations(run.case, fitted, quantity)) for run in safe]
     designed = [
         _designed(fitted, so_far, run, at_point, len(cases), most)
@@ -141,14 +144,6 @@ def _separations(
     """Separation by one run, for each ordered pair of explanations (target, fitted)."""
     predictions = linear_predictions(case, explanations, quantity)
     return [separation(target, fitted) for target, fitted in permutations(predictions, 2)]
-
-
-def _sum(runs: Sequence[list[Separation]]) -> list[Separation]:
-    """Sum of separations over runs, for each pair."""
-    total = runs[0]
-    for separations in runs[1:]:
-        total = [a + b for a, b in zip(total, separations, strict=True)]
-    return total
 
 
 def _designed(
