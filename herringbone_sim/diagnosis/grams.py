@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from herringbone_sim.arrays import Array, Indices
-
-
-class Grams(Protocol):
-    """Gram matrices of the columns of each row."""
-
-    def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
-        """Weights (g, p, k) on k functions on both sides of g rows' matrices: their sum (p, p)."""
-
-    def times(self, row: int, functions: Indices, weights: Array) -> Array:
-        """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether the matrices, or the columns of which they are, are finite."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +16,17 @@ class DenseGrams:
     values: Array
 
     def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
+        """Weights (g, p, k) on k functions on both sides of g rows' matrices: their sum (p, p)."""
         entries = self.values[rows[:, None, None], functions[:, None], functions]
         return np.asarray(np.tensordot(weights @ entries, weights, ((0, 2), (0, 2))))
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        """Weights (p, k) on k functions times a row's matrix: (p, Q)."""
         return np.asarray(weights @ self.values[row][functions])
 
     @property
     def is_finite(self) -> bool:
+        """Whether the matrices are finite."""
         return bool(np.isfinite(self.values).all())
 
 
@@ -62,6 +50,7 @@ class GramsOfColumns:
     nuisance: Array
 
     def weighted(self, rows: Indices, functions: Indices, weights: Array) -> Array:
+        """See ``DenseGrams``."""
         whole = np.zeros((weights.shape[1], weights.shape[1]))
         for row, w in zip(rows.tolist(), weights, strict=True):
             X = w @ self._columns(row, functions)
@@ -70,6 +59,7 @@ class GramsOfColumns:
         return whole
 
     def times(self, row: int, functions: Indices, weights: Array) -> Array:
+        """See ``DenseGrams``."""
         X = self.scale[row] * (weights @ self._columns(row, functions))
         U = weights @ self.nuisance[row][:, functions].T
         every = np.hstack([X @ self.own[row].T, X @ self.common.T])
@@ -85,4 +75,8 @@ class GramsOfColumns:
 
     @property
     def is_finite(self) -> bool:
+        """Whether the columns are finite."""
         return bool(np.isfinite(self.own).all() and np.isfinite(self.common).all())
+
+
+Grams = DenseGrams | GramsOfColumns
