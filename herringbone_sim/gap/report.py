@@ -26,6 +26,7 @@ from herringbone_sim.gap.verification.serialise import (
 from herringbone_sim.recording.safe_json import plain_numbers
 
 SCHEMA = "herringbone_sim/gap-report/1"
+OF_FINDING = ("what", "run", "channels", "time_s", "text")  # attributes in ``report.json``
 OWN_UNIT = "unit of the channel"  # in the catalogue, unit of parameters of sensor effects
 
 
@@ -133,7 +134,7 @@ class Report:
             "attractor": attractor_to_dict(self.senses),
             "undecidable": list(self.undecidable),
             "next_experiment": {**self.next_experiment.point, "why": self.next_experiment.why},
-            "findings": [_finding(finding) for finding in self.findings],
+            "findings": [{n: getattr(f, n) for n in OF_FINDING} for f in self.findings],
             "hypotheses": _hypotheses(verdict),
             "law": [law.to_dict() for law in self.laws],
             "noise": {name: asdict(noise) for name, noise in self.noise.items()},
@@ -187,17 +188,6 @@ def _hypotheses(verdict: Verdict) -> list[dict[str, Any]]:
         }
         for c in verdict.chances
     ]
-
-
-def _finding(finding: Finding) -> dict[str, Any]:
-    """A finding as plain data."""
-    return {
-        "what": finding.what,
-        "run": finding.run,
-        "channels": list(finding.channels),
-        "time_s": finding.time_s,
-        "text": finding.text,
-    }
 
 
 def _unit(unit: str, channels: Sequence[str]) -> str:
