@@ -9,7 +9,6 @@ marginalised here.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -208,9 +207,8 @@ def _shared_products(block: Block, grams: Grams, c: Array) -> tuple[Array, Array
 
 def residual_without_nuisance(block: Block) -> Array:
     """Return residual / sigma (n, R), minus its fit by all nuisances at their posterior mean."""
+    free, mean = _fitted_nuisances(block)
     root = np.sqrt(block.independent_share)
-    free, normal, right = _shared_equations(block)
-    mean = np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right)
     return np.asarray((free[:, :, 0] - free[:, :, 1:] @ mean) / root)
 
 
@@ -219,38 +217,36 @@ def shared_nuisances(block: Block) -> Array:
 
     Those of single rows are marginalised; no effect is fitted.
     """
-    _, normal, right = _shared_equations(block)
-    return np.asarray(np.linalg.solve(normal + np.diag(block.shared_sd**-2.0), right))
+    return _fitted_nuisances(block)[1]
 
 
-def _shared_equations(block: Block) -> tuple[Array, Array, Array]:
-    """Normal equations of the shared nuisances, with those of single rows marginalised.
+def _fitted_nuisances(block: Block) -> tuple[Array, Array]:
+    """Fit the shared nuisances, with those of single rows marginalised.
 
     Returns:
         Residual and columns of the shared nuisances, whitened and without nuisances of the rows
-        (n, R, 1 + T); the matrix (T, T) and right-hand side (T,) without the prior.
+        (n, R, 1 + T); the posterior mean (T,).
     """
     w = (np.sqrt(block.independent_share) / block.sigma)[:, :, None]
     rows = range(block.residual.shape[1])
     shared = np.stack([block.columns_of(row) @ block.shared[:, row].T for row in rows], axis=1)
     every = np.concatenate([block.residual[:, :, None], shared], axis=2) * w
-    free = np.stack([nuisance_remover(block, row)(every[:, row]) for row in rows], axis=1)
+    free = np.stack([_without_row_nuisances(block, row, every[:, row]) for row in rows], axis=1)
     normal = np.einsum("nrt,nru->tu", every[:, :, 1:], free)
-    return free, normal[:, 1:], normal[:, 0]
+    precision = np.diag(block.shared_sd**-2.0)
+    return free, np.asarray(np.linalg.solve(normal[:, 1:] + precision, normal[:, 0]))
 
 
-def nuisance_remover(block: Block, row: int) -> Callable[[Array], Array]:
-    """Return a function that subtracts from values (n, ...) their ridge fit by a row's nuisances.
+def _without_row_nuisances(block: Block, row: int, values: Array) -> Array:
+    """Return whitened values (n, k) minus their ridge fit by a row's nuisances.
 
-    Values must be whitened: multiplied by the root of ``independent_share``, over the noise.
+    Whitened: multiplied by the root of ``independent_share``, over the noise.
     """
     N = block.nuisance[:, row] * (np.sqrt(block.independent_share) / block.sigma[:, row])[:, None]
-    normal = cho_factor(N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0)) if N.size else None
-
-    def clear(values: Array) -> Array:
-        return values if normal is None else values - N @ cho_solve(normal, N.T @ values)
-
-    return clear
+    if not N.size:
+        return values
+    normal = cho_factor(N.T @ N + np.diag(block.nuisance_sd[row] ** -2.0))
+    return np.asarray(values - N @ cho_solve(normal, N.T @ values))
 
 
 def recentred(p: Products, a: Array) -> Products:
