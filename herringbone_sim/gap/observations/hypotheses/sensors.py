@@ -114,7 +114,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     followed = gear.followed_channels.names
     for name in followed:
         quantity = name.partition("_")[0]
-        locus = Locus(_mesh_of(name), _planet_of(name), _side_of(name))
+        locus = _locus_of(name)
         units = {"gain": GAIN, "delay": 2e-6}
         if quantity == "F" or (quantity == "u" and name not in gear.runs[0].run.detrended):
             alike = "pin" if name.startswith("F_pin") else quantity
@@ -163,27 +163,20 @@ def _recorders(names: Sequence[str]) -> Iterator[tuple[Locus, tuple[str, ...]]]:
             name
             for name in names
             if name[0] == quantity
-            and mesh in ("all", _mesh_of(name))
-            and side in ("all", _side_of(name))
+            and mesh in ("all", _locus_of(name).mesh)
+            and side in ("all", _locus_of(name).side)
         )
         if inside and len(inside) < len(names):
             loci.setdefault(inside, Locus(mesh, "all", side))
     return ((locus, inside) for inside, locus in loci.items())
 
 
-def _mesh_of(channel: str) -> str:
-    """Kind of mesh that a channel belongs to, ``all`` for none."""
-    return next((kind for kind in KINDS if channel[2:4] == kind), "all")
-
-
-def _planet_of(channel: str) -> str:
-    """Number of the planet that a channel belongs to, ``all`` for none."""
-    return "".join(filter(str.isdigit, channel)) or "all"
-
-
-def _side_of(channel: str) -> str:
-    """Side that a channel belongs to, ``all`` for none."""
-    return next((side for side in SIDES if channel.endswith(f"_{side}")), "all")
+def _locus_of(channel: str) -> Locus:
+    """Kind of mesh, planet and side that a channel belongs to, ``all`` for none."""
+    kind = next((kind for kind in KINDS if channel[2:4] == kind), "all")
+    planet = "".join(filter(str.isdigit, channel)) or "all"
+    side = next((side for side in SIDES if channel.endswith(f"_{side}")), "all")
+    return Locus(kind, planet, side)
 
 
 # Name of the parameter of each effect, as in the catalogue.
