@@ -42,12 +42,6 @@ class SampledMotion:
     z_rate: Array
     force_n: Array
 
-    def half(self, number: int) -> SampledMotion:
-        """Return the first (0) or second (1) half of the samples."""
-        middle = len(self.z) // 2
-        rows = slice(number * middle, (number + 1) * middle)
-        return SampledMotion(self.z[rows], self.z_rate[rows], self.force_n[rows])
-
 
 @dataclass(frozen=True)
 class Statistics:
@@ -108,25 +102,25 @@ def model_motion(
     )
 
 
-def statistics(run: PreparedRun, motion: SampledMotion, first: int, scale: Array) -> Statistics:
-    """Compute the statistics of a motion.
+def statistics(run: PreparedRun, motion: SampledMotion, rows: slice, scale: Array) -> Statistics:
+    """Compute the statistics of some samples of a motion.
 
     Args:
         run: whose mesh phase, backlash and nominal e(t) are used.
-        motion: at the samples of the run from ``first`` on.
-        first: index of the first sample of the motion in the run.
+        motion: at all samples of the run.
+        rows: the samples.
         scale: (2 n_coordinate,) standard deviations of the measured motion.
     """
-    rows = slice(first, first + len(motion.z))
-    x = motion.z @ coordinates_to_meshes(run.model.layout).T - run.waves.e[rows]
+    z, rate, force = motion.z[rows], motion.z_rate[rows], motion.force_n[rows]
+    x = z @ coordinates_to_meshes(run.model.layout).T - run.waves.e[rows]
     b = run.model.half_backlash_m
     drive, back = np.mean(x > b, axis=0), np.mean(x < -b, axis=0)
-    mean = motion.force_n.mean(axis=0).reshape(2, -1)
+    mean = force.mean(axis=0).reshape(2, -1)
     return Statistics(
         contact=np.stack([drive, 1.0 - drive - back, back], axis=1),
         sharing=(mean / mean.sum(axis=1, keepdims=True)).ravel(),
         bands=_bands(x, phase_step(run)),
-        points=_sections(np.hstack([motion.z, motion.z_rate]) / scale, run.phase[rows]),
+        points=_sections(np.hstack([z, rate]) / scale, run.phase[rows]),
     )
 
 
@@ -145,9 +139,8 @@ def half_statistics(
     run: PreparedRun, motion: SampledMotion, scale: Array
 ) -> tuple[Statistics, Statistics]:
     """Compute the statistics of the first and of the second half of a motion over a whole run."""
-    first, second = (
-        statistics(run, motion.half(i), i * (len(motion.z) // 2), scale) for i in (0, 1)
-    )
+    m = len(motion.z) // 2
+    first, second = (statistics(run, motion, slice(i * m, (i + 1) * m), scale) for i in (0, 1))
     return first, second
 
 

@@ -206,7 +206,7 @@ def _attractors(
     scale = scale_of(fused)
     rig = measured_motion(run, fused)
     pieces = half_statistics(run, rig, scale)
-    whole = statistics(run, rig, 0, scale)
+    whole = statistics(run, rig, slice(None), scale)
     meshes = run.model.layout.meshes
     result: dict[str, Any] = {
         "measured": {
@@ -224,7 +224,7 @@ def _attractors(
             else half_statistics(its_run, measured_motion(its_run, start), own)
         )
         result[name] = {
-            **statistics_to_dict(statistics(its_run, motion, 0, own), meshes),
+            **statistics_to_dict(statistics(its_run, motion, slice(None), own), meshes),
             "distance": mean_distances(half_statistics(its_run, motion, own), against),
         }
     return result
