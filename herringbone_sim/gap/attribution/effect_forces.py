@@ -190,20 +190,6 @@ def with_law_forces(c: FusedRun, law: ForceLaw) -> FusedRun:
     return replace(c, run=replace(c.run, F=replace(c.run.F, values=values)))
 
 
-def calibration_columns(c: FusedRun, law: ForceLaw, factors: Array) -> list[Array]:
-    """Derivatives (n, n_mesh) of the forces by factors on k, on c and on e of each mesh.
-
-    They are taken about ``factors`` (6,) on k, c and e, at which ``law`` is the force law.
-    """
-    k_f, c_f, _ = by_mesh(factors, law.f_m.shape[1])
-    k, damping = c.run.waves.k * k_f, c.run.model.damping_n_s_per_m * c_f
-    return [
-        c.run.waves.k * law.f_m,
-        c.run.model.damping_n_s_per_m * law.v_m_per_s,
-        -(k * law.contact * c.run.waves.e + damping * c.run.waves.e_rate),
-    ]
-
-
 def step_of(p: Parameter) -> float:
     """Step of a parameter for finite differences: 1e-3 of its start minus its neutral value.
 

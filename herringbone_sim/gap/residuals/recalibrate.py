@@ -133,13 +133,7 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
     """Return the contribution of a run to normal matrix (6, 6) and right side (6,) of a step."""
     law = force_law(run, fused, factors)
     n = run.x.sigma.size
-    k_f, c_f, _ = by_mesh(factors, n)
-    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
-    columns = (
-        run.waves.k * law.f_m,
-        run.model.damping_n_s_per_m * law.v_m_per_s,
-        -(k * law.contact * run.waves.e + c * run.waves.e_rate),
-    )
+    columns = calibration_columns(run, law, factors)
     known = np.isfinite(law.residual_n).all(axis=0)
     spread = law.sigma_n * np.sqrt(np.maximum(law.reduced_chi2, 1.0))
     A, b = np.zeros((6, 6)), np.zeros(6)
@@ -152,6 +146,20 @@ def _normal_equations(run: PreparedRun, fused: Fused, factors: Array) -> tuple[A
         A[np.ix_(own, own)] += J.T @ J
         b[own] += J.T @ (law.residual_n / spread)[:, at].ravel()
     return A, b
+
+
+def calibration_columns(run: PreparedRun, law: ForceLaw, factors: Array) -> list[Array]:
+    """Derivatives (n, n_mesh) of the forces by factors on k, on c and on e of each mesh.
+
+    They are taken about ``factors`` (6,) on k, c and e, at which ``law`` is the force law.
+    """
+    k_f, c_f, _ = by_mesh(factors, law.f_m.shape[1])
+    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
+    return [
+        run.waves.k * law.f_m,
+        run.model.damping_n_s_per_m * law.v_m_per_s,
+        -(k * law.contact * run.waves.e + c * run.waves.e_rate),
+    ]
 
 
 def by_mesh(factors: Array, n_mesh: int) -> Array:

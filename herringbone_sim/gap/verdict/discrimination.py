@@ -17,7 +17,6 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.gap.attribution.effect_forces import (
     FusedRun,
-    calibration_columns,
     effect_contributions,
     expected_forces,
     step_of,
@@ -31,6 +30,7 @@ from herringbone_sim.gap.residuals.recalibrate import (
     HEAVIEST,
     ForceLaw,
     bounded_step,
+    calibration_columns,
     force_law,
 )
 from herringbone_sim.gap.residuals.torque_balance import WIDTH as BALANCE_WIDTH
@@ -213,7 +213,7 @@ class _Forces:
 
     def tolerances(self, explanation: ExplanationAtFit, law: ForceLaw) -> list[Array]:
         """Derivatives (k,) with respect to the six factors on k, c and e."""
-        columns = calibration_columns(self.case, law, explanation.factors)
+        columns = calibration_columns(self.case.run, law, explanation.factors)
         return [self._white(part) for column in columns for part in _of_kinds(column)]
 
     def bounds(self, explanation: ExplanationAtFit) -> tuple[Array, Array]:
@@ -259,7 +259,7 @@ class _Bodies:
         """Derivatives (k,) with respect to the factors on inertias and, by ``motion``, the law."""
         columns = [self._white(part) for part in self.balance.parts]
         if self.motion:
-            for column in calibration_columns(self.case, law, explanation.factors):
+            for column in calibration_columns(self.case.run, law, explanation.factors):
                 parts = [part @ self.of_force.T for part in _of_kinds(column)]
                 columns += [self._white(self._average(part)) for part in parts]
         return columns
