@@ -14,6 +14,7 @@ import numpy as np
 
 from herringbone_sim.diagnosis.examine import Examination
 from herringbone_sim.diagnosis.fits import FittedExplanation
+from herringbone_sim.diagnosis.machine import with_slices
 
 
 @dataclass(frozen=True)
@@ -133,14 +134,11 @@ def _candidate(explanation: FittedExplanation, counts: Mapping[str, float]) -> C
 
 def _strain(explanation: FittedExplanation) -> float:
     """Largest ``Candidate.strain`` over the effects of an explanation."""
-    by_effect = [h.coefficients for h in explanation.hypotheses]
-    first = len(explanation.score.coefficients) - sum(len(c) for c in by_effect)
+    mean = explanation.score.mean
     strains = [0.0]
-    for h, coefficients in zip(explanation.hypotheses, by_effect, strict=True):
-        mean = explanation.score.mean[first : first + len(coefficients)]
-        first += len(coefficients)
-        squares = (mean / np.array([c.sd for c in coefficients])) ** 2
-        if len(coefficients) > h.n_own:
+    for h, own in with_slices(explanation.hypotheses, len(mean)):
+        squares = (mean[own] / np.array([c.sd for c in h.coefficients])) ** 2
+        if len(squares) > h.n_own:
             strains.append(
                 float(squares[h.n_own :].mean() / max(squares[: h.n_own].mean(), 1e-12))
             )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -230,3 +231,10 @@ class Hypothesis:
     def __post_init__(self) -> None:
         departures = [replace(c, departs_from=self.n_own) for c in self.coefficients[self.n_own :]]
         object.__setattr__(self, "coefficients", (*self.coefficients[: self.n_own], *departures))
+
+
+def with_slices(hypotheses: Sequence[Hypothesis], n: int) -> list[tuple[Hypothesis, slice]]:
+    """Hypotheses with the slices of their coefficients, which are the last of ``n``, in order."""
+    counts = [len(h.coefficients) for h in hypotheses]
+    ends = list(accumulate(counts, initial=n - sum(counts)))
+    return [(h, slice(*of)) for h, of in zip(hypotheses, pairwise(ends), strict=True)]

@@ -19,7 +19,7 @@ from herringbone_sim.diagnosis.fits import (
     scores_in_parallel,
     screen_all,
 )
-from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis, with_slices
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.search import MIN_GAIN_PER_VALUE, Search
 
@@ -196,10 +196,7 @@ def with_each_alone(
     starts: list[tuple[Hypothesis, Array]] = []
     known = {_key(f.hypotheses[0]) for f in singles}
     for pair in pairs:
-        first = len(search.base)
-        for hypothesis in pair.hypotheses:
-            own = slice(first, first + len(hypothesis.coefficients))
-            first = own.stop
+        for hypothesis, own in with_slices(pair.hypotheses, len(pair.score.mean)):
             if _key(hypothesis) not in known:
                 known.add(_key(hypothesis))
                 start = np.concatenate([search.null.mean, pair.score.mean[own]])
@@ -250,15 +247,10 @@ def fit_beside_part(
     search_with_part = search.onwards(search.machine, part.score)
     starts: dict[object, tuple[Hypothesis, Array]] = {}
     for pair in pairs:
-        own = len(search.base)
-        both = []
-        for hypothesis in pair.hypotheses:
-            size = pair.score.mean[own : own + len(hypothesis.coefficients)]
-            both.append((alone.get(_key(hypothesis), np.inf), hypothesis, size))
-            own += len(hypothesis.coefficients)
-        _, second, size = max(both, key=lambda one: one[0])
+        both = with_slices(pair.hypotheses, len(pair.score.mean))
+        second, own = max(both, key=lambda one: alone.get(_key(one[0]), np.inf))
         if len(starts) < MAX_BESIDE_PART:
-            start = np.concatenate([search_with_part.null.mean, size])
+            start = np.concatenate([search_with_part.null.mean, pair.score.mean[own]])
             starts.setdefault(_key(second), (second, start))
     return tuple(
         FittedExplanation((*part.hypotheses, *f.hypotheses), f.score, search_with_part)

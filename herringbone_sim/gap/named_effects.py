@@ -9,7 +9,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.judge import HALF_90, relative_error
-from herringbone_sim.diagnosis.machine import Hypothesis
+from herringbone_sim.diagnosis.machine import Hypothesis, with_slices
 from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.effects.effect import Active, Effect, Locus, Parameter
 from herringbone_sim.effects.registry import effects as known_effects
@@ -49,15 +49,9 @@ def name_effects(hypotheses: tuple[Hypothesis, ...], score: Score) -> tuple[Name
         hypotheses: of the explanation.
         score: of the fit; its last coefficients are those of the hypotheses, in order.
     """
-    n_coefficients = sum(len(h.coefficients) for h in hypotheses)
-    first = len(score.coefficients) - n_coefficients
     spread = score.covariance_with_jackknife()
-    named_effects = []
-    for h in hypotheses:
-        at = slice(first, first + len(h.coefficients))
-        first += len(h.coefficients)
-        named_effects.append(_named_effect(h, score.mean[at], spread[at, at]))
-    return tuple(named_effects)
+    slices = with_slices(hypotheses, len(score.mean))
+    return tuple(_named_effect(h, score.mean[at], spread[at, at]) for h, at in slices)
 
 
 def _named_effect(h: Hypothesis, mean: Array, spread: Array) -> NamedEffect:
