@@ -38,11 +38,9 @@ def reduced_accelerations(model: Model, x: Array, v: Array, phase: float) -> Arr
     """
     s, p, N = model.scales, model.parameters, model.parameters.n_planets
     half = model.half_backlash_m / s.b_c
-    k_m = mean_stiffness(p)
     shift = mesh_phases(p)
-    k = np.array(
-        [float(mesh.stiffness(phase, km, p.k_amp, a)) for km, a in zip(k_m, shift, strict=True)]
-    )
+    waves = (a * np.cos((j + 1) * (phase + shift)) for j, a in enumerate(p.k_amp))
+    k = mean_stiffness(p) * (1.0 + sum(waves))
     spring = k * mesh.backlash(x, half) / s.omega_n**2
     damper = model.damping_n_s_per_m * v / s.omega_n
     sp_L, sp_R, rp_L, rp_R = (spring + damper) * s.projection

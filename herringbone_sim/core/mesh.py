@@ -1,8 +1,6 @@
-"""Equations of a mesh in SI units: backlash and its thermal loss, stiffness, damping."""
+"""Equations of a mesh in SI units: backlash and its thermal loss, damping."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -45,23 +43,6 @@ def half_backlash(b: float, b_c: float, loss: float) -> float:
         loss: reduction of the total backlash [m], Eq. (2).
     """
     return b * b_c - loss / 2.0
-
-
-def stiffness(
-    phase: Array | float, k_m: float, k_amp: Sequence[float], phi_a: float = 0.0
-) -> Array:
-    """Return the mesh stiffness k [N/m], Eq. (7); with one harmonic of amplitude 0.25, Eq. (8).
-
-    Args:
-        phase: mesh phase omega t [rad].
-        k_m: mean [N/m].
-        k_amp: amplitudes of orders 1, 2, ... relative to the mean.
-        phi_a: initial phase [rad], the same for every order as in the paper.
-    """
-    phase = np.asarray(phase, dtype=float)
-    terms = [a * np.cos((j + 1) * phase + phi_a) for j, a in enumerate(k_amp)]
-    k: Array = k_m * (1.0 + np.sum(terms, axis=0))
-    return k
 
 
 def damping(xi: float, k_m: float, M_1: float, M_2: float) -> float:

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from herringbone_sim.core import mesh
-from herringbone_sim.core.model import errors_at, half_backlashes, mesh_phases
+from herringbone_sim.core.model import errors_at, half_backlashes, mean_stiffness, mesh_phases
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.gap.data.mesh_excitation import waves
 
 finite = st.floats(-1e3, 1e3)
 
@@ -73,22 +74,16 @@ def test_backlash_function_keeps_the_shape_of_its_input():
     assert f.tolist() == [[-1.0, 0.0, 0.0], [0.0, 0.5, 2.0]]
 
 
-def test_the_first_harmonic_is_equation_8():
-    phase = np.linspace(-3.0, 9.0, 50)
-    assert mesh.stiffness(phase, 1.5e9, [0.25], 0.3) == pytest.approx(
-        1.5e9 + 0.375e9 * np.cos(phase + 0.3)
-    )
-
-
-def test_fourier_series_of_three_orders():
-    """Eq. (7) term by term."""
-    k = mesh.stiffness(0.7, 2.0, [0.3, 0.2, -0.1], 0.5)
-    expected = 1.0 + 0.3 * np.cos(1.2) + 0.2 * np.cos(1.9) - 0.1 * np.cos(2.6)
-    assert k == pytest.approx(2.0 * expected, rel=1e-14)
-
-
-def test_without_harmonics_the_stiffness_is_its_mean():
-    assert mesh.stiffness(1.0, 3.0, []) == 3.0
+@pytest.mark.parametrize("k_amp", [(), (0.25,), (0.3, 0.2, -0.1)])
+def test_stiffness_of_the_model_is_equation_7(uneven, k_amp):
+    """Order j of mesh m at j (phase + its mesh phase) + phi_a; one order is Eq. (8)."""
+    model = uneven(k_amp=k_amp, mesh_phase=tuple(np.linspace(0.0, 2.0, 12)))
+    p, phase = model.parameters, np.linspace(-3.0, 9.0, 50)
+    k = waves(model, phase, 0.0).k
+    for m, (k_m, shift) in enumerate(zip(mean_stiffness(p), mesh_phases(p), strict=True)):
+        orders = [np.cos((j + 1) * (phase + shift) + p.phi_a[m]) for j in range(len(k_amp))]
+        terms = sum(a * wave for a, wave in zip(k_amp, orders, strict=True))
+        assert k[:, m] == pytest.approx(k_m * (1.0 + terms), rel=1e-13)
 
 
 def test_damping_by_hand():

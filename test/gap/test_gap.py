@@ -28,6 +28,13 @@ def test_the_law_that_made_the_forces_leaves_no_residual() -> None:
     assert found.rms_n.max() < 1e-6 * np.abs(found.force_n).max()
 
 
+def test_harmonics_of_stiffness_are_shifted_by_their_order_times_the_mesh_phase() -> None:
+    rig = build(RIG.changed({"k_amp": (0.25, 0.1, 0.05), "phi_a": [0.4]}))
+    series, _ = simulate(rig, 30)
+    found = force_residual(rig, series)
+    assert found.rms_n.max() < 1e-6 * np.abs(found.force_n).max()
+
+
 def test_a_stiffer_mesh_is_found_where_it_is_with_its_size() -> None:
     factor = [1.0] * 12
     factor[4] = 1.1  # sp2_R

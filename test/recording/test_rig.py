@@ -12,7 +12,7 @@ import pytest
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.core.layout import HEAD
-from herringbone_sim.core.mesh import backlash, stiffness
+from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.model import build, errors_at
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active, Locus, active
@@ -20,6 +20,7 @@ from herringbone_sim.effects.evaluate import forces, motion
 from herringbone_sim.effects.gear import laws
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import RecordingError
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.residuals.force_law import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.hidden_effects import hidden_effects
@@ -70,7 +71,7 @@ def test_displacements_hold_the_nominal_error() -> None:
     sheet, built = ([errors_at(m, phase) for phase in series["phase"]] for m in (nominal, rig))
     e = np.array([a[0][0] - b[0][0] for a, b in zip(sheet, built, strict=True)]) * 1e-4
     rate = np.array([a[1][0] - b[1][0] for a, b in zip(sheet, built, strict=True)])
-    k = stiffness(series["phase"], own.k_m_sp, own.k_amp)
+    k = waves(rig, series["phase"], 0.0).k[:, 0]
     spring = k * backlash(series["x_sp1_L"] + e, float(rig.half_backlash_m[0]))
     v = series["v_sp1_L"] + rate * rig.scales.velocity_m_per_s
     wanted = spring + rig.damping_n_s_per_m[0] * v

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core import mesh
-from herringbone_sim.core.model import Model, mean_stiffness, mesh_phases
-from herringbone_sim.core.parameters import spread
+from herringbone_sim.core.mesh import backlash
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.data.mesh_excitation import waves
 
 
 @dataclass(frozen=True)
@@ -52,23 +52,16 @@ def force_residual(model: Model, series: TimeSeries) -> ForceResidual:
     Raises:
         AnalysisError: no phase, or no mesh of the model with all three channels.
     """
-    p = model.parameters
     meshes = tuple(
         m for m in model.layout.meshes if all(f"{prefix}_{m}" in series for prefix in "xvF")
     )
     if "phase" not in series or not meshes:
         raise AnalysisError(
-            f"the force law needs phase and x, v, F of a mesh of the {p.model} model "
-            f"({model.layout.meshes[0]}, ...), got {', '.join(series.names)}"
+            f"the force law needs phase and x, v, F of a mesh of the {model.parameters.model} "
+            f"model ({model.layout.meshes[0]}, ...), got {', '.join(series.names)}"
         )
     at = [model.layout.meshes.index(m) for m in meshes]
-    phi_a = mesh_phases(p) + np.array(spread(p.phi_a, model.layout.n_mesh))
-    k_m = mean_stiffness(p)
-    modelled = [
-        mesh.stiffness(series["phase"], float(k_m[j]), p.k_amp, float(phi_a[j]))
-        * mesh.backlash(series[f"x_{m}"], float(model.half_backlash_m[j]))
-        + model.damping_n_s_per_m[j] * series[f"v_{m}"]
-        for j, m in zip(at, meshes, strict=True)
-    ]
-    force = series.columns(tuple(f"F_{m}" for m in meshes))
-    return ForceResidual(meshes, force - np.stack(modelled, axis=1), force)
+    x, v, force = (series.columns(tuple(f"{prefix}_{m}" for m in meshes)) for prefix in "xvF")
+    k = waves(model, series["phase"], 0.0).k[:, at]
+    spring = k * backlash(x, model.half_backlash_m[at])
+    return ForceResidual(meshes, force - spring - model.damping_n_s_per_m[at] * v, force)
