@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from herringbone_sim.arrays import Flags
+from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.core.layout import HEAD
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.screen import Finding, may_have_gaps
@@ -26,7 +26,8 @@ def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     """
     if len(series) < 3:
         return series, ()
-    clock, phase = _odd_time_steps(series), _odd_phase_steps(series)
+    clock = _odd(np.diff(series.times))
+    phase = _odd(np.diff(series["phase"])) if "phase" in series else np.zeros_like(clock)
     dropout = _dropouts(series)
     breaks = clock | phase | dropout[1:] | dropout[:-1]
     if not breaks.any():
@@ -57,40 +58,26 @@ def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     if "phase" not in series or len(series) < 3 or not np.isfinite(series["phase"]).all():
         return series, ()
     phase = series["phase"]
-    odd = _odd_phase_steps(series)
-    data = series.data.copy()
-    data[:, series.names.index("phase")] = np.unwrap(phase)
-    unwrapped = TimeSeries(series.times, data, series.names)
-    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _odd_phase_steps(unwrapped).any():
+    odd, unwrapped = _odd(np.diff(phase)), np.unwrap(phase)
+    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _odd(np.diff(unwrapped)).any():
         return series, ()
+    data = series.data.copy()
+    data[:, series.names.index("phase")] = unwrapped
     at = float(series.times[int(odd.argmax())])
     text = (
         f"the mesh phase of {name} starts anew at every turn, first at {at:.6g} s: it was "
         "unwrapped; events of single teeth and run-out need it counted on, from the same teeth in "
         "all runs"
     )
-    return unwrapped, (Finding("phase", name, ("phase",), at, text),)
+    finding = Finding("phase", name, ("phase",), at, text)
+    return TimeSeries(series.times, data, series.names), (finding,)
 
 
-def _odd_time_steps(series: TimeSeries) -> Flags:
-    """Flag time steps (n - 1,) that differ from their median by more than ``STEP_TOLERANCE``."""
-    steps = np.diff(series.times)
-    odd: Flags = np.abs(steps / np.median(steps) - 1.0) > STEP_TOLERANCE
-    return odd
-
-
-def _odd_phase_steps(series: TimeSeries) -> Flags:
-    """Flag steps (n - 1,) of the mesh phase that differ from their median by ``STEP_TOLERANCE``.
-
-    A step from or to NaN is not flagged.
-    """
-    if "phase" not in series:
-        return np.zeros(len(series) - 1, dtype=bool)
-    turn = np.diff(series["phase"])
-    known = np.isfinite(turn)
-    usual = float(np.median(turn[known])) if known.any() else np.nan
-    odd: Flags = known & ~(np.abs(turn / usual - 1.0) < STEP_TOLERANCE)
-    return odd
+def _odd(steps: Array) -> Flags:
+    """Flag steps (n,) that differ from their median by ``STEP_TOLERANCE``; NaN is not flagged."""
+    known = np.isfinite(steps)
+    usual = float(np.median(steps[known])) if known.any() else np.nan
+    return np.asarray(known & ~(np.abs(steps / usual - 1.0) <= STEP_TOLERANCE))
 
 
 def _dropouts(series: TimeSeries) -> Flags:
