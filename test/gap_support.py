@@ -22,12 +22,12 @@ from herringbone_sim.gap.data.prepare import prepare_run
 from herringbone_sim.gap.data.prepared import Measured, PreparedCampaign, PreparedRun
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.mesh_law import LawChange
 from herringbone_sim.gap.observations.windows.columns import window_columns
 from herringbone_sim.gap.observations.windows.shooting import WindowSolution
 from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.report import SCHEMA, Report
 from herringbone_sim.gap.report_file import METRICS
+from herringbone_sim.gap.residuals.mesh_law import LawChange
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.residual_gap import Gap, RunGap

@@ -13,8 +13,8 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.calibration.encoder_error import without_encoder_errors
 from herringbone_sim.gap.observations.gear import GearObservations
-from herringbone_sim.gap.observations.mesh_law import law
 from herringbone_sim.gap.observations.runs import gear_run
+from herringbone_sim.gap.residuals.mesh_law import law
 from herringbone_sim.gap.sensor_calibration import STRIDE, without_copies
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

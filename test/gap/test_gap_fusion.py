@@ -12,7 +12,7 @@ from herringbone_sim.core.mesh import backlash
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.noise import spectral_floor
 from herringbone_sim.gap.residuals.fusion import QUADRATURE, fuse, increments, least_squares
-from herringbone_sim.gap.residuals.noisy_backlash import noisy_backlash
+from herringbone_sim.gap.residuals.mesh_law import law, mesh_motion
 
 
 @pytest.fixture(scope="module")
@@ -74,16 +74,18 @@ def test_increments_are_exact_for_polynomials_of_degree_five() -> None:
 
 
 def test_the_expected_backlash_is_the_mean_over_the_noise() -> None:
-    b, sigma = np.array([1.0]), np.array([0.3])
+    run, one, none = rig({}).runs[0], np.ones(1), np.zeros(1)
     x = np.array([[-1.2], [0.0], [0.9], [1.1], [4.0]])
     draws = x + 0.3 * np.random.default_rng(0).normal(size=(5, 200_000))
-    found = noisy_backlash(x, b, sigma)
-    f = backlash(draws, 1.0)
+    mesh = {"v": 0.0 * x, "k": 0.0 * x + 1.0, "k_m": one, "c": none, "b": one}
+    noise = {"sigma_x": 0.3 * one, "sigma_v": none, "sigma_F": none}
+    motion = replace(mesh_motion(run, fuse(run)), x=x, **mesh, **noise)
+    found, f = law(motion), backlash(draws, 1.0)
     np.testing.assert_allclose(found.f[:, 0], f.mean(axis=1), atol=3e-3)
-    np.testing.assert_allclose(found.variance[:, 0], f.var(axis=1), atol=1e-3)
-    np.testing.assert_allclose(found.contact[:, 0], (np.abs(draws) > 1).mean(axis=1), atol=5e-3)
-    exact = noisy_backlash(x, b, np.array([0.0]))
-    np.testing.assert_allclose(exact.f, backlash(x, 1.0))
+    np.testing.assert_allclose(found.sigma[:, 0] ** 2, f.var(axis=1), atol=1e-3)
+    np.testing.assert_allclose(found.contact_drive[:, 0], (draws > 1).mean(axis=1), atol=5e-3)
+    np.testing.assert_allclose(found.contact_back[:, 0], (draws < -1).mean(axis=1), atol=5e-3)
+    np.testing.assert_allclose(law(replace(motion, sigma_x=none)).f, backlash(x, 1.0))
 
 
 def test_noise_is_found_in_the_spectrum_when_nobody_tells() -> None:

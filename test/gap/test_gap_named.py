@@ -35,7 +35,7 @@ from herringbone_sim.gap.observations.hypotheses.damaged_teeth import (
     mesh_delays,
 )
 from herringbone_sim.gap.observations.hypotheses.meshes import TERM_BUILDERS, hypotheses
-from herringbone_sim.gap.observations.mesh_law import MeshMotion
+from herringbone_sim.gap.residuals.mesh_law import MeshMotion
 
 SIZES = np.array([0.9, 0.4])  # of the moderate size, of an effect's own coefficients
 # Effects of which hypothesis and law of the gear are one function; those of the others are tables

@@ -29,8 +29,8 @@ from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
     motions,
 )
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, PartDrive
-from herringbone_sim.gap.observations.mesh_law import LawChange, law
 from herringbone_sim.gap.observations.runs import gear_run
+from herringbone_sim.gap.residuals.mesh_law import LawChange, law
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

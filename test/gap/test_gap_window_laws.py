@@ -16,12 +16,12 @@ from herringbone_sim.gap.observations.body_motion import rigid_swing
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
-from herringbone_sim.gap.observations.mesh_law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.windows import columns as window_columns
 from herringbone_sim.gap.observations.windows import damaged_teeth as window_events
 from herringbone_sim.gap.observations.windows.channels import window_channels
 from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.observations.windows.windows import MORE_WINDOWS
+from herringbone_sim.gap.residuals.mesh_law import LawChange, MeshMotion, law
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

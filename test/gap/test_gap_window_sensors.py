@@ -21,11 +21,11 @@ from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.hypotheses.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.hypotheses.sensors import window_sensor_errors
-from herringbone_sim.gap.observations.mesh_law import LawChange
 from herringbone_sim.gap.observations.windows.channels import window_channels
 from herringbone_sim.gap.observations.windows.sensor_errors import with_sensor_errors
 from herringbone_sim.gap.observations.windows.shooting import evaluated, stacked_residual
 from herringbone_sim.gap.observations.windows.trajectory import Trajectory
+from herringbone_sim.gap.residuals.mesh_law import LawChange
 from herringbone_sim.gap.sensors.correction import correct_sensors, without_sensor_error
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

@@ -21,7 +21,6 @@ from herringbone_sim.gap.observations.friction import OF_COULOMB
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.law_changes import NO_LAW
-from herringbone_sim.gap.observations.mesh_law import LawChange, law, select_meshes
 from herringbone_sim.gap.observations.windows import starts as window_starts
 from herringbone_sim.gap.observations.windows import trajectory as trajectory_module
 from herringbone_sim.gap.observations.windows import windows
@@ -49,6 +48,7 @@ from herringbone_sim.gap.observations.windows.trajectory import (
     Trajectory,
 )
 from herringbone_sim.gap.observations.windows.windows import JUMP_SD, Windows
+from herringbone_sim.gap.residuals.mesh_law import LawChange, law, select_meshes
 from herringbone_sim.gap.sensors.detrended import with_nominal_means
 from herringbone_sim.practice.arrays import as_prepared
 from herringbone_sim.practice.campaign import make_campaign

@@ -2,7 +2,7 @@
 
 The laws of the effects are those of the simulation. The contribution of effects is the difference
 of the law with and without them at fused x and v. It is added to the expectation of the force law
-over the noise of x (``residuals.contact``), which the noise does not bias.
+over the noise of x (``residuals.mesh_law``), which the noise does not bias.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion
+from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion
 
 Values = Callable[[MeshMotion, Law], Array]
 # Mesh orders of waves of the stiffness and of the tooth profile, chosen.

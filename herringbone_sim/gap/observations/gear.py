@@ -24,13 +24,13 @@ from herringbone_sim.gap.observations import consistency, force_law, torque_bala
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.block_columns import linear_block_at, with_common_columns
 from herringbone_sim.gap.observations.law_changes import LawChanges
-from herringbone_sim.gap.observations.mesh_law import Law, LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.recorded_channels import RecordedGear
 from herringbone_sim.gap.observations.regression_inputs import about_meshes, about_rows
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.observations.windows import columns as window_columns
 from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.shooting import WindowSolution
+from herringbone_sim.gap.residuals.mesh_law import Law, LawChange, MeshMotion, law
 from herringbone_sim.gap.residuals.torque_balance import FINE, window_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.mesh_law import (
+from herringbone_sim.gap.residuals.mesh_law import (
     Displacements,
     Law,
     LawChange,

@@ -11,7 +11,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.diagnosis.flexible import RegressionInputs
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.gap.observations.basis import LOADS_M, Function
-from herringbone_sim.gap.observations.mesh_law import MeshMotion, law
+from herringbone_sim.gap.residuals.mesh_law import MeshMotion, law
 
 # Time constants of low-passed inputs [mesh cycles], for causes with memory; chosen.
 MEMORIES = (0.3, 3.0)

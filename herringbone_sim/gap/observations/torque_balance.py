@@ -28,8 +28,8 @@ from herringbone_sim.gap.observations.friction import (
     friction_of_mesh,
     friction_shapes,
 )
-from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
+from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.residuals.torque_balance import (
     control_acceleration,
     inertia_parts,

@@ -17,7 +17,7 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.mesh import backlash
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
-from herringbone_sim.gap.residuals.noisy_backlash import noisy_backlash
+from herringbone_sim.gap.residuals.mesh_law import LawChange, law, mesh_motion
 from herringbone_sim.gap.residuals.torque_balance import ForceFunction
 
 NAMES = ("k_sp", "k_rp", "c_sp", "c_rp", "e_sp", "e_rp")
@@ -34,10 +34,11 @@ class ForceLaw:
     Attributes:
         modelled_n: mesh forces k(t) f(x) + c v [N], with the fitted factors on k and c.
         residual_n: measured minus modelled [N]; NaN where the force was not recorded.
-        sigma_n: standard deviation of the residual by the noise of F, x and v [N].
+        sigma_n: standard deviation of the residual by the noise of F, x and v [N]; without that
+            of F where it was not recorded.
         x_m, v_m_per_s: displacement and rate with the factors on e(t) applied; NaN where unknown.
         f_m: backlash function f(x), expectation over the noise of x [m].
-        contact: probability of contact.
+        contact: probability of contact; NaN where x is unknown.
     """
 
     modelled_n: Array
@@ -69,13 +70,14 @@ def force_law(run: PreparedRun, fused: Fused, factors: Array) -> ForceLaw:
         factors: (6,) on nominal k, c and e, see ``NAMES``; those on e change x and v, too.
     """
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
-    k, c = run.waves.k * k_f, run.model.damping_n_s_per_m * c_f
-    x = fused.x - (e_f - 1.0) * run.waves.e
-    v = fused.v - (e_f - 1.0) * run.waves.e_rate
-    soft = noisy_backlash(x, run.model.half_backlash_m, fused.sigma_x)
-    modelled = k * soft.f + c * v
-    sigma = np.sqrt(run.F.sigma**2 + k**2 * soft.variance + (c * fused.sigma_v) ** 2)
-    return ForceLaw(modelled, run.F.values - modelled, sigma, x, v, soft.f, soft.contact)
+    d, d_rate = (1.0 - e_f) * run.waves.e, (1.0 - e_f) * run.waves.e_rate
+    change = LawChange(kappa=k_f - 1.0, gamma=c_f - 1.0, d=d, d_rate=d_rate)
+    found = law(mesh_motion(run, fused), change)
+    contact = np.where(np.isnan(found.f), np.nan, found.contact_drive + found.contact_back)
+    residual = run.F.values - found.force
+    return ForceLaw(
+        found.force, residual, found.sigma, fused.x + d, fused.v + d_rate, found.f, contact
+    )
 
 
 def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
@@ -91,13 +93,13 @@ def force_function(run: PreparedRun, factors: Array) -> ForceFunction:
     """
     k_f, c_f, e_f = by_mesh(factors, run.x.sigma.size)
 
-    def law(phase: Array, deflection: Array, rate: Array) -> Array:
+    def force(phase: Array, deflection: Array, rate: Array) -> Array:
         w = run.waves_at(phase)
         spring: Array = w.k * k_f * backlash(deflection - e_f * w.e, run.model.half_backlash_m)
         damper: Array = run.model.damping_n_s_per_m * c_f * (rate - e_f * w.e_rate)
         return spring + damper
 
-    return law
+    return force
 
 
 def recalibrate(runs: Sequence[PreparedRun], fused: Sequence[Fused], rounds: int = 5) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.gap.observations.mesh_law import MeshMotion, law
+from herringbone_sim.gap.residuals.mesh_law import MeshMotion, law
 from herringbone_sim.gap.sensors.filter_delay import CORNER
 
 # t_1 and t_2 times powers of the corner frequency: first order, and Butterworth of second order.

@@ -25,7 +25,7 @@ from herringbone_sim.gap.data.prepared import PreparedRun, deciding
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.gear import SHAFT_NAMES, GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.mesh_law import MeshMotion, law
+from herringbone_sim.gap.residuals.mesh_law import MeshMotion, law
 
 # Chi2 per value up to which the calibrated gear without effects fits: what it lacks is no larger
 # than the noise (d = 1).

@@ -16,8 +16,8 @@ from herringbone_sim.core.layout import PREFIX_UNITS, QUANTITIES
 from herringbone_sim.gap.data.noise import resolution
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.force_law import SLOW_HZ
-from herringbone_sim.gap.observations.mesh_law import law
 from herringbone_sim.gap.observations.runs import GearRun
+from herringbone_sim.gap.residuals.mesh_law import law
 
 MAINS_HZ = (50.0, 100.0, 150.0)
 EXCESS = 4.0  # power of a line over that of white noise, which exceeds it at 1 of 50 lines

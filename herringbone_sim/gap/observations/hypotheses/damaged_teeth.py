@@ -26,8 +26,8 @@ from herringbone_sim.gap.observations.hypotheses.coefficients import (
     CoefficientBuilder,
     Weights,
 )
-from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.observations.runs import GearRun
+from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.residuals.torque_balance import inertia_parts, window_of
 
 BINS_PER_CYCLE = 6  # of the synchronous sums; runs have ten samples a mesh cycle or more

@@ -23,7 +23,7 @@ from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.gap.observations import force_law, torque_balance
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, PartDrive
-from herringbone_sim.gap.observations.mesh_law import LawChange, MeshMotion, law, select_meshes
+from herringbone_sim.gap.residuals.mesh_law import LawChange, MeshMotion, law, select_meshes
 from herringbone_sim.gap.residuals.torque_balance import inertia_parts, window_of
 
 # Grids of stiffness and clearance, chosen; later fits may depart from a point by 1.5 decades, see

@@ -27,7 +27,7 @@ from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
     SeatSpring,
     motions,
 )
-from herringbone_sim.gap.observations.mesh_law import (
+from herringbone_sim.gap.residuals.mesh_law import (
     Displacements,
     Law,
     LawChange,

@@ -30,7 +30,6 @@ from herringbone_sim.gap.observations.friction import (
     friction_of_mesh,
     friction_shapes,
 )
-from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.observations.windows.integrator import STATES
 from herringbone_sim.gap.observations.windows.sensor_errors import (
     SWAP_PREFIX,
@@ -39,6 +38,7 @@ from herringbone_sim.gap.observations.windows.sensor_errors import (
 )
 from herringbone_sim.gap.observations.windows.shooting import WindowSolution
 from herringbone_sim.gap.observations.windows.windows import STEP_RAD, Windows
+from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 
 

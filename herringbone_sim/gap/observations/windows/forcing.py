@@ -14,7 +14,6 @@ from herringbone_sim.gap.data.folds import slice_run
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.body_motion import body_loads
-from herringbone_sim.gap.observations.mesh_law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.windows.columns import BodyForce, body_forces
 from herringbone_sim.gap.observations.windows.integrator import STATES, Forcing
 from herringbone_sim.gap.observations.windows.sensor_errors import with_sensor_errors
@@ -30,6 +29,7 @@ from herringbone_sim.gap.observations.windows.windows import (
     window_samples,
     windows_of_run,
 )
+from herringbone_sim.gap.residuals.mesh_law import LawChange, MeshMotion, law
 from herringbone_sim.gap.residuals.torque_balance import hermite_interpolation
 
 # Windows at the start of a run that only the filter uses (``starts``); in nine it converged from

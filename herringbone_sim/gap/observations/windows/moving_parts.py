@@ -27,9 +27,9 @@ from herringbone_sim.gap.observations.hypotheses.moving_part_grid import (
     best_parts,
 )
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, pin_meshes
-from herringbone_sim.gap.observations.mesh_law import law
 from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.columns import responses
+from herringbone_sim.gap.residuals.mesh_law import law
 
 
 def proposals(gear: GearObservations, amplitudes: Amplitudes, known: Score) -> list[MovingPart]:

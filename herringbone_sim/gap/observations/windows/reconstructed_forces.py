@@ -30,7 +30,6 @@ from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.basis import Function, force_column
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.mesh_law import Law, MeshMotion, law
 from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.channels import WindowChannels, window_channels
 from herringbone_sim.gap.observations.windows.columns import nuisance_columns, window_columns
@@ -43,6 +42,7 @@ from herringbone_sim.gap.observations.windows.shooting import (
 )
 from herringbone_sim.gap.observations.windows.trajectory import STATE_PRECISION, Trajectory
 from herringbone_sim.gap.observations.windows.windows import Windows
+from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion, law
 
 # Prior deviation of the first window's start state over the RMS of the motion, as in the filter of
 # ``windows.starts``.

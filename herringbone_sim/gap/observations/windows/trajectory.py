@@ -22,7 +22,6 @@ from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations.basis import Function
-from herringbone_sim.gap.observations.mesh_law import LawChange, MeshMotion, law
 from herringbone_sim.gap.observations.regression_inputs import about_windows
 from herringbone_sim.gap.observations.windows.columns import (
     nuisance_columns,
@@ -55,6 +54,7 @@ from herringbone_sim.gap.observations.windows.starts import (
     initial_states,
 )
 from herringbone_sim.gap.observations.windows.windows import N_WINDOWS, Windows
+from herringbone_sim.gap.residuals.mesh_law import LawChange, MeshMotion, law
 
 NAME = "trajectory"
 # Levenberg-Marquardt steps in the first fit of a ``key``, and in later ones, from its best states;
