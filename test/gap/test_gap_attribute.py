@@ -70,8 +70,6 @@ def _made(
         unseen(3),
         model,
         waves(model, phase, omega),
-        {},
-        (),
     )
     none = np.zeros((n, 8))
     sigma_x, sigma_v = np.full(12, 1e-9), np.full(12, 1e-5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -95,8 +95,8 @@ class PreparedRun:
     pin: Measured
     model: Model
     waves: Waves
-    recorded_point: Mapping[str, Array]
-    findings: tuple[Finding, ...]
+    recorded_point: Mapping[str, Array] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
     delay_rad: float = 0.0
     e_share: float = 1.0
     detrended: tuple[str, ...] = ()

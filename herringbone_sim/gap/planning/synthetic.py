@@ -153,8 +153,6 @@ def _run(
         **measured,
         model=model,
         waves=waves(model, phase, omega),
-        recorded_point={},
-        findings=(),
         detrended=tuple(name for name in angles if name not in sensors),
     )
 

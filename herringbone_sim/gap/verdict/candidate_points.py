@@ -140,8 +140,6 @@ def _recorded(
         pin=_not_recorded(len(phase), len(layout.planets)),
         model=model,
         waves=w,
-        recorded_point={},
-        findings=(),
     )
 
 
