@@ -67,7 +67,6 @@ class ComparisonResult:
     Attributes:
         rig, simulator: state of the streams.
         residual: residual of the rig against the nominal model; None if unknown.
-        stretches: number of stretches in the residual.
         rig_motion, simulator_motion: motion statistics; None without samples.
         remarks: sentences on what is unknown, and why.
     """
@@ -75,7 +74,6 @@ class ComparisonResult:
     rig: StreamStatus
     simulator: StreamStatus
     residual: Residual | None
-    stretches: int
     rig_motion: MotionStatistics | None
     simulator_motion: MotionStatistics | None
     remarks: tuple[str, ...]
@@ -205,7 +203,6 @@ class Comparison:
             self.rig.status(),
             self.simulator.status(),
             joined,
-            len(self._residuals),
             rig,
             simulator,
             (),
