@@ -67,8 +67,7 @@ def without_sensor_error(
     if kind == "swap":
         return _swapped(run, names)
     if kind == "clock":
-        late: Undo = lambda s, times, values: between(times, values, times * (1.0 + s))  # noqa: E731
-        return _with_undo(run, names[0], late, size)
+        return _with_undo(run, names[0], UNDO["clock_drift"], -1e6 * size)
     undo = UNDO[f"sensor_{kind}"]
     return _with_undo(run, names[0], undo, 1.0 + size if kind == "gain" else size)
 
