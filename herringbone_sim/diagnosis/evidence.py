@@ -14,6 +14,7 @@ import numpy as np
 
 from herringbone_sim.diagnosis.examine import Examination
 from herringbone_sim.diagnosis.fits import FittedExplanation
+from herringbone_sim.diagnosis.flexible import predicted_chi2
 from herringbone_sim.diagnosis.machine import with_slices
 
 
@@ -101,10 +102,7 @@ class Evidence:
 def evidence_of(examination: Examination, noise_known: bool = True) -> Evidence:
     """Summarise an examination as evidence; ``noise_known``: whether the campaign gives noise."""
     explanations = (examination.none, *examination.singles, *examination.pairs)
-    remains = {
-        name: sum(p.predicted for p in by_observation.values())
-        for name, by_observation in examination.flexible.items()
-    }
+    remains = {name: predicted_chi2(left) for name, left in examination.flexible.items()}
     candidates = tuple(_candidate(f, examination.counts) for f in explanations)
     rows = [np.mean(n**2, axis=0) for n in examination.noise.values()]
     uneven = max((float(n.max() / np.median(n)) for n in rows), default=1.0)

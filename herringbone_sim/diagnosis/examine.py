@@ -31,7 +31,7 @@ from herringbone_sim.diagnosis.fits import (
     simplest_equivalent,
     with_other_law,
 )
-from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals
+from herringbone_sim.diagnosis.flexible import Predictable, predict_residuals, predicted_chi2
 from herringbone_sim.diagnosis.machine import Machine
 from herringbone_sim.diagnosis.noise import OFFSET_SHARE, less_noise, noise_factors, offset_sds
 from herringbone_sim.diagnosis.orders import in_best_orders
@@ -111,7 +111,7 @@ def examine(
     search, ranked = rank(search, catalogue, None)
     fitted: Sequence[FittedExplanation] = ()
     if not machine.estimates_states:
-        offsets, fitted = _offsets_by_drift(search, none, ranked, _predicted_chi2(remainder))
+        offsets, fitted = _offsets_by_drift(search, none, ranked, predicted_chi2(remainder))
         if offsets:
             fitted = ()
             say("drift")
@@ -125,7 +125,7 @@ def examine(
     lowest = min((loss for loss, *_ in ranked), default=none.loss)
     gain = none.loss - lowest
     worth = search.worth
-    idle = gain < worth and _predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
+    idle = gain < worth and predicted_chi2(remainder) < MIN_GAIN_PER_VALUE * count
     limits = MAX_FITTED, MAX_FITTED_PER_EFFECT
     if machine.estimates_states and lowest > NONLINEAR_CHI2 * count:
         limits = MAX_FITTED_FAR, MAX_FITTED_PER_EFFECT_FAR
@@ -173,7 +173,7 @@ def examine(
         # Brief events such as a tooth contact are not predictable: judge by the fit, too.
         in_sample = first.score.in_sample
         lacks_one = in_sample > NONLINEAR_CHI2 * count or (
-            _predicted_chi2(flexible["single"]) > worth and not idle
+            predicted_chi2(flexible["single"]) > worth and not idle
         )
         more_than_noise = in_sample > most and not idle
         explained = bool(pairs) and pairs[0].score.in_sample <= most
@@ -202,7 +202,7 @@ def examine(
                 second = None
             if (
                 second is not None
-                and _predicted_chi2(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
+                and predicted_chi2(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
                 added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *added_pairs))
@@ -354,11 +354,6 @@ def _with_noise(
     return search, none, tuple(sorted(again, key=lambda f: f.loss))
 
 
-def _predicted_chi2(remainder: Mapping[str, Predictable]) -> float:
-    """Predictable chi2, summed over the observations."""
-    return sum(p.predicted for p in remainder.values())
-
-
 def _is_worth_seeking(none: FittedExplanation, best: FittedExplanation, most: float) -> bool:
     """Whether the best effect leaves too much, and explains ``WORTH_SEEKING`` of the gap."""
     gained = none.loss - best.loss
@@ -394,8 +389,8 @@ def _first_was_misfitted(
     Much is half of the chi2 predictable under the best single effect. Then the first effect,
     which was chosen alone, is probably the wrong partner of the second.
     """
-    half = 0.5 * _predicted_chi2(remainder["single"])
-    return first.loss - pair.loss > half and _predicted_chi2(remainder["pair"]) > half
+    half = 0.5 * predicted_chi2(remainder["single"])
+    return first.loss - pair.loss > half and predicted_chi2(remainder["pair"]) > half
 
 
 def _predictable_remainder(

@@ -11,7 +11,7 @@ order of each angle are tried too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +79,11 @@ class Predictable:
     def with_noise_scaled(self, noise: Array) -> Predictable:
         """Copy for a noise larger by the factor ``noise`` (runs, R)."""
         return Predictable(self.chi2 / noise**2, self.left / noise**2, self.count, self.weight)
+
+
+def predicted_chi2(remainder: Mapping[str, Predictable]) -> float:
+    """Predictable chi2, summed over the observations."""
+    return sum(p.predicted for p in remainder.values())
 
 
 def _random_features(D: int, A: int, M: int) -> Callable[[Array, Array, Array], Array]:
