@@ -23,7 +23,7 @@ from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.data.prepare import prepare
 from herringbone_sim.gap.data.screen import finding_texts
 from herringbone_sim.gap.diagnose import Diagnosis, diagnose
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.report import Estimate, Report
 from herringbone_sim.gap.report_file import write_report
 from herringbone_sim.gap.residuals.force_law import ForceResidual, force_residual

@@ -24,8 +24,8 @@ from herringbone_sim.gap.named_effects import name_effects
 from herringbone_sim.gap.observations.calibration.noise_report import recorded_noise
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
+from herringbone_sim.gap.observations.reconstructed_forces import forces_of_run
 from herringbone_sim.gap.observations.windows import trajectory
-from herringbone_sim.gap.observations.windows.reconstructed_forces import forces_of_run
 from herringbone_sim.gap.report import Report
 from herringbone_sim.gap.sensor_calibration import (
     STRIDE,

@@ -12,7 +12,7 @@ from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.gap.data.screen import Finding
 from herringbone_sim.gap.learned_law import LearnedLaw
 from herringbone_sim.gap.observations.calibration.noise_report import ChannelNoise
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.residual_gap import Gap

@@ -16,7 +16,7 @@ from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.gap_by_run import RowErrors, gap_of
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.windows.reconstructed_forces import (
+from herringbone_sim.gap.observations.reconstructed_forces import (
     HALF_90,
     ReconstructedForces,
     forces_of_run,

@@ -22,7 +22,8 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.windows import planet_permutations, trajectory
+from herringbone_sim.gap.observations.searches import planet_permutations
+from herringbone_sim.gap.observations.windows import trajectory
 
 SEED, RUNS = 372101, 3
 OTHER = 22  # number of an order that moves planets of both sides

@@ -17,12 +17,6 @@ from herringbone_sim.gap.diagnose import diagnose, machine_of
 from herringbone_sim.gap.observations.body_motion import body_loads
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.observations.hypotheses.moving_part_grid import (
-    GRIDS,
-    PartTrial,
-    best_parts,
-    proposals,
-)
 from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
     MeshLoads,
     SeatSpring,
@@ -30,6 +24,12 @@ from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
 )
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, PartDrive
 from herringbone_sim.gap.observations.runs import gear_run
+from herringbone_sim.gap.observations.searches.moving_part_grid import (
+    GRIDS,
+    PartTrial,
+    best_parts,
+    proposals,
+)
 from herringbone_sim.gap.residuals.mesh_law import LawChange, law
 from herringbone_sim.gap.sensor_calibration import calibrated_sensors
 from herringbone_sim.practice.arrays import as_prepared

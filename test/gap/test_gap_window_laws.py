@@ -16,8 +16,8 @@ from herringbone_sim.gap.observations.body_motion import rigid_swing
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
+from herringbone_sim.gap.observations.searches import damaged_teeth_in_windows as window_events
 from herringbone_sim.gap.observations.windows import columns as window_columns
-from herringbone_sim.gap.observations.windows import damaged_teeth as window_events
 from herringbone_sim.gap.observations.windows.channels import window_channels
 from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.observations.windows.windows import MORE_WINDOWS

@@ -26,7 +26,7 @@ from herringbone_sim.gap.observations.basis import (
     harmonic_functions,
     load_hat_functions,
 )
-from herringbone_sim.gap.observations.calibration.common_filter import FILTERS
+from herringbone_sim.gap.observations.common_filter import FILTERS
 from herringbone_sim.gap.residuals.mesh_law import Law, MeshMotion
 from herringbone_sim.gap.sensors.noise import DRIFT_SHARE
 

@@ -18,17 +18,21 @@ from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.gear import GearObservations
-from herringbone_sim.gap.observations.hypotheses import damaged_teeth, moving_part_grid
+from herringbone_sim.gap.observations.hypotheses import damaged_teeth
 from herringbone_sim.gap.observations.hypotheses import meshes as mesh_hypotheses
 from herringbone_sim.gap.observations.hypotheses.coefficients import CoefficientBuilder
 from herringbone_sim.gap.observations.hypotheses.damaged_teeth import Event
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
 from herringbone_sim.gap.observations.hypotheses.tolerances import tolerances
 from herringbone_sim.gap.observations.recorded_channels import FittedInParallel
-from herringbone_sim.gap.observations.windows import damaged_teeth as damaged_teeth_in_windows
-from herringbone_sim.gap.observations.windows import moving_parts as moving_parts_in_windows
-from herringbone_sim.gap.observations.windows import planet_permutations, trajectory
-from herringbone_sim.gap.observations.windows import trials as window_trials
+from herringbone_sim.gap.observations.searches import (
+    damaged_teeth_in_windows,
+    moving_part_grid,
+    moving_parts_in_windows,
+    planet_permutations,
+    trials_in_windows,
+)
+from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.windows import MORE_WINDOWS, window_samples
 
 
@@ -76,7 +80,7 @@ class GearMachine:
         return self.with_parts(trial.improved(), amplitudes)
 
     def orders(self) -> tuple[list[Mapping[str, str]], NDArray[np.bool_]]:
-        """Orders of the planets of both sides, in windows; see ``windows.planet_permutations``."""
+        """Orders of the planets of both sides, in windows; see ``planet_permutations``."""
         functions = self.functions[trajectory.NAME]
         every = planet_permutations.orders(self.gear.model.layout)
         names: list[Mapping[str, str]] = [
@@ -100,7 +104,7 @@ class GearMachine:
         tried = hypothesis.source is None and hypothesis.is_linear and hypothesis.vanishes_at_zero
         if not (self.gear.uses_windows and tried):
             return None
-        return window_trials.restart_from_other_sizes(self.gear, self.rows, hypothesis, fit)
+        return trials_in_windows.restart_from_other_sizes(self.gear, self.rows, hypothesis, fit)
 
     def ordered_for(self, hypotheses: Sequence[Hypothesis], mean: Array) -> GearMachine:
         """Copy with planets of runs that are not fitted yet in the order for an explanation.
@@ -121,7 +125,9 @@ class GearMachine:
         """Nonlinear trials by fits of windows; none for other observations, as nearly linear."""
         if not self.gear.uses_windows:
             return []
-        return window_trials.nonlinear_trials(self.gear, self.rows, len(self.base), ranked, known)
+        return trials_in_windows.nonlinear_trials(
+            self.gear, self.rows, len(self.base), ranked, known
+        )
 
     def with_parts(
         self, parts: Sequence[Event | MovingPart], about: Amplitudes | None = None

@@ -10,7 +10,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.data.kinematics import coordinates_to_meshes
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.calibration.common_filter import with_filter_responses
+from herringbone_sim.gap.observations.common_filter import with_filter_responses
 from herringbone_sim.gap.residuals.fusion import Fused, fuse
 from herringbone_sim.gap.residuals.mesh_law import MeshMotion, mesh_motion
 from herringbone_sim.gap.residuals.torque_balance import FINE, hermite_interpolation

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.verification.attractor import UNITS as DISTANCE_UNITS
 from herringbone_sim.gap.verification.residual_gap import Gap
 from herringbone_sim.gap.verification.senses import Senses

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, SIDES
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.views.figures.gap_forces import forces_caption, forces_figure
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, save

@@ -8,7 +8,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.calibrated_fit import Calibrated
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.residuals.recalibrate import ForceLaw, force_law
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.gear_geometry import MESHES

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from herringbone_sim.core.layout import KINDS, SIDES
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE
 from herringbone_sim.views.gear_geometry import PLANETS
 

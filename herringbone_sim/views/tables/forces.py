@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from herringbone_sim.gap.observations.windows.reconstructed_forces import ReconstructedForces
+from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.views.tables.csv_file import write_csv
 
 

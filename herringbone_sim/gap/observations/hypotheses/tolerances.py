@@ -7,7 +7,7 @@ import numpy as np
 from herringbone_sim.diagnosis.coefficients import Coefficient
 from herringbone_sim.effects.site import is_ring
 from herringbone_sim.gap.observations import torque_balance
-from herringbone_sim.gap.observations.calibration.common_filter import MAX_FILTER_COEFFICIENTS
+from herringbone_sim.gap.observations.common_filter import MAX_FILTER_COEFFICIENTS
 from herringbone_sim.gap.observations.hypotheses.coefficients import CoefficientBuilder, Weights
 from herringbone_sim.gap.residuals.torque_balance import control_directions, inertia_parts
 from herringbone_sim.gap.sensors.filter_delay import CORNER

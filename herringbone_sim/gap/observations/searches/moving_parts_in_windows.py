@@ -20,13 +20,13 @@ from herringbone_sim.diagnosis.score import Score
 from herringbone_sim.diagnosis.search import CHANCE_CHI2
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.gear import GearObservations
-from herringbone_sim.gap.observations.hypotheses.moving_part_grid import (
+from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, pin_meshes
+from herringbone_sim.gap.observations.searches.moving_part_grid import (
     PartTrial,
     RowChange,
     TrialRun,
     best_parts,
 )
-from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart, pin_meshes
 from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.columns import responses
 from herringbone_sim.gap.residuals.mesh_law import law

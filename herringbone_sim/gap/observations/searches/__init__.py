@@ -1,0 +1,1 @@
+"""Searches where linear fits do not suffice: moving parts, damaged teeth, sizes, planet orders."""
