@@ -189,9 +189,12 @@ def refit_second_alone(
 def with_each_alone(
     search: Search, pairs: Sequence[FittedExplanation], singles: Sequence[FittedExplanation]
 ) -> tuple[FittedExplanation, ...]:
-    """Add fits of each effect of pairs alone, from its values in the pair; return all, best first.
+    """Fit each effect of pairs alone, from its values in the pair.
 
-    Effects at their place that are in ``singles`` are not fitted again.
+    Effects that ``singles`` has with the same options and place are not fitted again.
+
+    Returns:
+        ``singles`` and the new fits of single effects, best first, without the pairs.
     """
     starts: list[tuple[Hypothesis, Array]] = []
     known = {_key(f.hypotheses[0]) for f in singles}

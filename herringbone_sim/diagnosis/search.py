@@ -245,7 +245,7 @@ class Search:
         return fine.refined(coefficients, score.mean, 2)
 
     def quick(self, coefficients: Sequence[Coefficient]) -> float:
-        """Minus the chi2 that a hypothesis removes in a linear fit to all runs, without bounds."""
+        """Minus the fall of chi2 with priors by a hypothesis, in a linear fit without bounds."""
         n = len(self.base)
         A, b = self.campaign.normal_equations(coefficients)
         sd = np.array([c.sd for c in (*self.base, *coefficients)])
@@ -254,9 +254,12 @@ class Search:
         A, b = A.sum(0), b.sum(0)
         right = b - A @ off
         whole = A + np.diag(sd**-2.0)
-        own = whole[n:, n:] - whole[n:, :n] @ np.linalg.solve(whole[:n, :n], whole[:n, n:])
-        left = right[n:] - whole[n:, :n] @ np.linalg.solve(whole[:n, :n], right[:n])
-        return float(-(2.0 * b @ off - off @ A @ off) - left @ np.linalg.solve(own, left))
+        of_base, across = whole[:n, :n], whole[n:, :n]
+        own = whole[n:, n:] - across @ np.linalg.solve(of_base, across.T)
+        left = right[n:] - across @ np.linalg.solve(of_base, right[:n])
+        known = [y @ np.linalg.solve(of_base, y) for y in (b[:n], right[:n])]
+        gained = known[1] - known[0] + left @ np.linalg.solve(own, left)
+        return float(off @ A @ off - 2.0 * b @ off - gained)
 
     def onwards(self, machine: Machine, base_fit: Score | None = None) -> Search:
         """Copy for the same machine or one extended by functions, linearised about ``null``.

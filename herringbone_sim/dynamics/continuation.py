@@ -161,8 +161,9 @@ def passes_simpler(curve: Curve, before: BranchPoint, after: BranchPoint, what: 
 def half_and_side_differences(curve: Curve, point: BranchPoint) -> tuple[Array, Array]:
     """Differences of the halves of the period, and of left and right, at each state of an orbit.
 
-    Each (period, n); zeros for an odd period, or on a curve of left-right symmetric orbits. They
-    change sign where the branch passes an orbit of half the period, or a symmetric one.
+    Each (period, n). The first is zero for an odd period, the second on a curve of left-right
+    symmetric orbits and for a gear whose sides can't be exchanged. They change sign where the
+    branch passes an orbit of half the period (first), or a symmetric one (second).
     """
     points, mirror = point.orbit.points, curve.family.mirror
     half, odd = divmod(len(points), 2)

@@ -42,8 +42,9 @@ law: Any = njit(cache=True, **COMPILED)
 
 @law
 def harmonics_at(gear, m, phase, first):
-    """Return the harmonics of mesh m at a phase [rad], without effects, and their derivative.
+    """Return the sum of the harmonics of mesh m, without effects, and its derivative by the phase.
 
+    ``phase``: mesh phase [rad]; the derivative is per rad, not per second.
     ``first`` 0: of k [N/m], Eq. (7); 2: of e [m], Eq. (9); the mean is left out. From row
     ``HARMONICS`` on, ``gear`` has four rows per order: cosine and sine of k, then of e.
     """

@@ -26,7 +26,12 @@ from std_msgs.msg import Float64
 
 
 class ChaosControl(Node):  # type: ignore[misc]
-    """Node that raises K until the motion is periodic, then lowers it until it is not."""
+    """Node that raises K until the motion is as ``wanted``, then lowers it until it is not.
+
+    Attributes:
+        transitions: K at which ``WANTED from`` and ``lost again at`` happened; WANTED as ``P``.
+        done: whether it ended: after the second transition, or where K would leave 0 .. largest.
+    """
 
     def __init__(self) -> None:
         super().__init__("chaos_control")

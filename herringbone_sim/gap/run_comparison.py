@@ -13,6 +13,7 @@ from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.attribution.effect_forces import FusedRun, expected_forces, fused_run
+from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
 from herringbone_sim.gap.residuals.fusion import fuse
@@ -33,10 +34,13 @@ class RunView:
         meshes: n names.
         times: (k,) [s].
         force: by ``COLUMNS``, (k, n) [N]: measured, and the two laws at the measured motion.
-        planes: by ``COLUMNS``, (j, n, 2) displacement [m] and rate [m/s]: measured, and integrated
-            by each model from the start of the run; a motion that is not known is left out.
-        reduced_chi2: by model, (n,) mean square of its residual over its noise in all samples of
-            the run; NaN if unknown.
+        planes: by ``COLUMNS``, displacement [m] and rate [m/s] relative to the nominal e(t):
+            measured (k, n, 2); of each model (j, n, 2), at its own samples. A model starts from
+            the measured state near the start of the run; where that is unknown, from its own start
+            state ``TRANSIENT`` cycles earlier, and may then follow another attractor. A motion
+            that is not known is left out.
+        reduced_chi2: by model, (n,) mean square of its residual over the noise of the nominal
+            law in all samples of the run; NaN if unknown.
         notes: sentences on motions that are left out.
     """
 
@@ -140,6 +144,8 @@ def _planes(
 def _motion(gear: Model, actives: Sequence[Active], case: FusedRun) -> Array:
     """Simulated displacement and rate (j, n, 2) of the last ``CYCLES`` of a run.
 
+    Relative to the nominal e(t), as recorded ones are.
+
     The simulation starts from the measured state, so that of coexisting attractors it follows the
     rig's; where that is not known, from the start state of the model.
     """
@@ -157,4 +163,6 @@ def _motion(gear: Model, actives: Sequence[Active], case: FusedRun) -> Array:
     _, settled = simulate(gear, machine, before, start)
     series, _ = simulate(gear, machine, CYCLES, settled)
     x, v = (series.columns(gear.layout.channels_of(q)) for q in "xv")
-    return np.stack([x, v], axis=2)
+    omega = gear.parameters.Omega * gear.scales.omega_n
+    own, nominal = (waves(m, series["phase"], omega) for m in (gear, case.run.model))
+    return np.stack([x + own.e - nominal.e, v + own.e_rate - nominal.e_rate], axis=2)

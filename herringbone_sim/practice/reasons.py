@@ -169,9 +169,12 @@ _REASONS: dict[str, Callable[[Sequence[Outcome]], list[str]]] = {
 
 
 def by_cause(cases: Sequence[Outcome]) -> list[list[str]]:
-    """Return table rows by cause: single effects, effects outside the catalogue, none, pairs.
+    """Return a table row of texts for each cause, in the order of their names.
 
-    Cells: cause, number, right first, in class, locus, errors, closures, most frequent confusions.
+    A cause is a single effect, one outside the catalogue (``unknown: NAME``), none, or ``a pair``:
+    all pairs together. Cells: cause; number of cases; of them right first, and in class; loci
+    right of those judged; median error; median closure; most frequent wrong names. A text is empty
+    where there is no value.
     """
     groups: dict[str, list[Outcome]] = {}
     for c in cases:

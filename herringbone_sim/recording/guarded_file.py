@@ -36,7 +36,10 @@ class FileIdentity:
     size: int
 
     def fault(self, folder: Path) -> str:
-        """Return what happened to the file in ``folder``, as a predicate; empty if unchanged."""
+        """Return what happened to the file in ``folder``, as a predicate.
+
+        Empty if device, inode and size are the same; a change of content alone is not seen.
+        """
         path_stat = _named(folder / self.path.name)
         if path_stat is None:
             return "is no longer there"

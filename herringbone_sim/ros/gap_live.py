@@ -86,7 +86,12 @@ class GapNode(GuardedNode):
                 stream.set_diagnostics(one_line(status.message))
 
     def look(self) -> ComparisonResult:
-        """Compare the latest samples, publish the result and return it."""
+        """Compare the last stretches of both streams, publish the result and return it.
+
+        It takes the new samples out of the streams, and subscribes again where publishers changed
+        their reliability. ``~/residual`` is published only while the rig sends blocks,
+        ``~/difference`` only while both do.
+        """
         for listener in self._listeners:
             listener.follow()
         picture = self.comparison.update()
@@ -111,7 +116,8 @@ class GapNode(GuardedNode):
             )
             self._residual.publish(message)
         a, b = picture.rig_motion, picture.simulator_motion
-        if picture.comparable and a is not None and b is not None:
+        both_fresh = picture.rig.fresh and picture.simulator.fresh
+        if both_fresh and picture.comparable and a is not None and b is not None:
             apart = a.contact_shares - b.contact_shares
             rows = np.stack([apart[:, 2], apart[:, 0], a.force_rms_n - b.force_rms_n])
             there = np.flatnonzero(np.all(np.isfinite(rows), axis=0))

@@ -90,14 +90,16 @@ class Sweep:
         axes: one or more; a continuation goes along the first.
         observation: what is computed at each value.
         start: ``fixed``: every value starts from the initial state of the gear; ``up``, ``down``:
-            from the final state of the value before it on the first axis; ``ramp_up``,
-            ``ramp_down``: one motion, with the parameter of the first axis changed every cycle.
-        chunk: number of values in a part, which is computed and stored together.
+            from the final state of the next lower, next higher value on the first axis;
+            ``ramp_up``, ``ramp_down``: one motion for each value of the other axes, with the
+            parameter of the first axis changed every cycle.
+        chunk: number of values in a part, which is computed and stored together; but for
+            ``fixed``, rounded down to whole positions on the first axis, at least one.
         effects: of the gear, as YAML text (``effects.written``); empty for none.
 
     Raises:
-        ParameterError: an unknown start, an axis twice, or a mesh or an effect that the gear does
-            not have.
+        ParameterError: no axis, an axis twice, an unknown start, a chunk below 1, or a mesh or an
+            effect that the gear does not have.
     """
 
     base: Parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,17 @@ def test_cells_have_the_colour_of_their_period(result) -> None:
     assert np.ma.getmaskarray(mesh.get_array())[:, 2].all()
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["P1", "P2", "none"]
+
+
+def test_a_period_without_a_colour_of_its_own_is_no_failed_run(result) -> None:
+    """As that of a run-out, which repeats with the turns of a member; it is in the legend."""
+    long = result["period"].copy()
+    long[0, 0] = 27.0
+    axes = Figure().subplots()
+    maps.draw_period(axes, replace(result, columns={**result.columns, "period": long}))
+    (mesh,) = axes.collections
+    assert not np.ma.getmaskarray(mesh.get_array())[0, 0]
+    assert "above P16" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_zero_exponent_is_white(result) -> None:

@@ -31,6 +31,7 @@ from herringbone_sim.diagnosis.pairs import (
     without_duplicates,
 )
 from herringbone_sim.diagnosis.refits import fit_again, with_fits_anew
+from herringbone_sim.diagnosis.search import Search
 
 
 @dataclass
@@ -409,3 +410,26 @@ def test_what_may_come_near_the_best_is_fitted_again(
     assert made == again
     assert left.loss == 400.0 - gained
     assert [f.effects[0] for f in found] == ["best", "near", "next", "far"]
+
+
+@pytest.mark.parametrize("center", [0.0, 1.0])
+def test_a_quick_screen_is_the_fall_of_chi2_beyond_the_base(center: float) -> None:
+    """About a fitted base whose columns go with the effect's; with the priors."""
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(400, 3))
+    X[:, 2] += X[:, 0]
+    y = X @ [0.3, -0.2, 1.0] + rng.normal(size=400)
+    prior, at = np.array([4.0, 4.0, 100.0]), np.array([0.0, 0.0, center])
+    y -= X[:, :2] @ np.linalg.solve(X[:, :2].T @ X[:, :2] + np.diag(prior[:2]), X[:, :2].T @ y)
+
+    def least(n: int) -> float:
+        A, b = X[:, :n].T @ X[:, :n] + np.diag(prior[:n]), X[:, :n].T @ y + prior[:n] * at[:n]
+        mean = np.linalg.solve(A, b)
+        return float(np.sum((y - X[:, :n] @ mean) ** 2) + prior[:n] @ (mean - at[:n]) ** 2)
+
+    search = object.__new__(Search)
+    search.base = tuple(Coefficient("", 0.5, np.inf, {}) for _ in range(2))
+    equations = (X.T @ X)[None], (X.T @ y)[None]
+    search.campaign = SimpleNamespace(normal_equations=lambda _: equations)
+    gain = search.quick((Coefficient("", 0.1, np.inf, {}, center),))
+    assert gain == pytest.approx(least(3) - least(2), rel=1e-9)

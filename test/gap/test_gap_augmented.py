@@ -24,6 +24,7 @@ from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.named_effects import name_effects
 from herringbone_sim.gap.observations.hypotheses.moving_parts import MovingPart
 from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.run_comparison import run_view
 from herringbone_sim.gap.verdict.augmented import (
     Augmented,
     from_parameters,
@@ -80,6 +81,28 @@ def test_the_fit_and_the_node_have_the_same_gear() -> None:
     own = build(parameters_of(run.model.parameters, FOUND))
     fitted = calibrated_gear_table(one, FOUND.factors)
     np.testing.assert_allclose(gear_table(own), fitted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("own", [{"e_mean": 0.5}, {"e_offset": (2e-6,) * 6 + (-1e-6,) * 6}, {}])
+def test_the_factor_on_e_scales_all_of_it(own: dict[str, float]) -> None:
+    """Mean and offsets too, as in the force law to which it is fitted."""
+    nominal = NOMINAL.changed({"model": "full", **own})
+    changed = Augmented(np.array([1.0, 1.0, 1.0, 1.0, 1.5, 0.7]), np.ones(3))
+    phase = np.linspace(0.0, TWO_PI, 7)
+    before, after = (
+        waves(build(p), phase, 1.0).e for p in (nominal, parameters_of(nominal, changed))
+    )
+    np.testing.assert_allclose(after, before * np.repeat([1.5, 0.7], 6), atol=1e-18)
+
+
+def test_phase_portraits_of_both_models_are_relative_to_the_nominal_error() -> None:
+    """As the recorded one is: a rig with half as much error again, and a model that has it."""
+    run = prepared(sampled({"e_factor": (1.5,)}, POINTS[0], cycles=60), POINTS[0])
+    larger_error = Augmented(np.array([1.0, 1.0, 1.0, 1.0, 1.5, 1.5]), np.ones(3))
+    planes = run_view(fused_run(run, fuse(run)), larger_error).planes
+    for end in (np.min, np.max):
+        measured, model = (end(planes[name], axis=0) for name in ("measured", "augmented"))
+        np.testing.assert_allclose(model, measured, rtol=0.02)
 
 
 def test_the_control_stays_the_torque_that_the_data_sheet_gives() -> None:

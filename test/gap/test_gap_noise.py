@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
+from gap_support import NOMINAL, OMEGA_N, POINTS, noisy, prepared, sampled
 
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.model import build
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.kinematics import bodies_to_meshes
 from herringbone_sim.gap.data.noise import resolution
@@ -88,6 +90,14 @@ def test_noise_of_encoders_makes_no_other_gear_of_a_nearly_harmonic_motion(
     measured = measured.with_measured("x", replace(run.x, values=x))
     scales = np.array(geometry_scales(measured))
     assert np.all(np.isnan(scales) | (np.abs(scales - [1.0, 0.0]) < 0.15))
+
+
+def test_a_gear_without_mesh_error_has_scales_too() -> None:
+    """Nothing goes with e(t) where it is zero."""
+    nominal = NOMINAL.changed({"e_m": 0.0})
+    series, _ = simulate(build(nominal.changed({**POINTS[0], "omega_n": OMEGA_N})), 60)
+    run = prepared(noisy(series, 1e-3, 1), POINTS[0], share=1e-3, nominal=nominal)
+    np.testing.assert_allclose(geometry_scales(run), [1.0, 0.0], atol=0.02)
 
 
 @pytest.mark.parametrize("channels", [None, SHAFTS, (*X_OF_ALL, "F_sp1_L")])

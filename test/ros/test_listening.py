@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,10 @@ def test_a_stiffer_rig_is_placed_beside_a_simulator_of_another_rate(
     content = json.loads(places[-1].data)
     assert content["shares"]["kind"]["sp"] > 0.95
     assert content["statistics"]["rp1_R"]["force_rms_rig"] > 0.0
+    before, told = len(differences), len(places)
+    listener._publish(replace(picture, simulator=replace(picture.simulator, age_s=60.0)))
+    wait_until(lambda: len(places) > told)
+    assert len(differences) == before  # what a silent simulator did is no difference now
 
 
 def test_what_a_silent_simulator_says_of_itself_is_told(bench: Bench, listener: GapNode) -> None:

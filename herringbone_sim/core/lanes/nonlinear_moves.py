@@ -129,9 +129,10 @@ def may_switch(w, a):
 
 @called
 def locate(x, w, a, lane):
-    """Locate where contact (AT, NEXT) and DEEP (AT_DEPTH) of mesh a switch in one lane.
+    """Locate where contact (AT, NEXT) and DEEP (AT_DEPTH) of column a switch in one lane.
 
-    MOVE is reduced to the first of them.
+    ``a``: a mesh or a seat. AT and AT_DEPTH are fractions of the interval, above 1 for no switch.
+    MOVE is reduced to the first of them. Nothing is changed after ``MOST_MOVES`` switches.
     """
     if get(w.progress, SWITCHES, 0, lane) >= MOST_MOVES:
         return

@@ -146,6 +146,9 @@ def plan_to_dict(
 ) -> dict[str, Any]:
     """Convert a plan to plain data, the content of ``plan.json``; null: never named.
 
+    Its ``points`` are in the order in which runs add most information, with the number ``run`` of
+    each in the argument ``points``.
+
     Args:
         plan: the plan.
         points: operating point of each run.

@@ -85,13 +85,14 @@ def runs_with_other_geometry(runs: Sequence[PreparedRun]) -> list[Finding]:
 
 
 def geometry_scales(run: PreparedRun) -> tuple[float, float]:
-    """Fit x + e = g G u + h e, with G = D B, at each mesh; return the medians (g, h).
+    """Fit x + e = g G u + h e, with G = D B, at each recorded x; return the medians (g, h).
 
     Ideally they are (1, 0). Delays of u and e are fitted too, and one oscillation per revolution
     of each body, as eccentric gratings cause. The noise of u is subtracted from the normal
-    equations, as it would bias g. NaN where u is incomplete, x is absent, or the motion is too
-    small, collinear with e, or so close to a sine of the mesh frequency, as e is, that noise could
-    move g by half of ``GEOMETRY_TOLERANCE``.
+    equations, as it would bias g. A mesh is left out where the motion is too small, collinear
+    with e, or so close to a sine of the mesh frequency, as e is, that noise could move g by half
+    of ``GEOMETRY_TOLERANCE``. Where e is constant, h is 0. (NaN, NaN) if no mesh is left, or u is
+    incomplete.
     """
     if not (run.u.complete and run.x.recorded.any()):
         return np.nan, np.nan
@@ -102,20 +103,22 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
     pairs = []
     for j in np.flatnonzero(run.x.recorded):
         s, e, late = given[:, j], run.waves.e[:, j], run.waves.e_rate[:, j]
-        J = np.stack([s, e, late * run.cycle_s, np.gradient(s)], axis=1)
+        of_e = [e, late * run.cycle_s] if np.ptp(e) > 0.0 else []
+        J = np.stack([s, np.gradient(s), *of_e], axis=1)
         J = J - lines @ (lines.T @ J)
         square = J.T @ J
-        whole, slope, cross = square[0, 0], square[3, 3], abs(square[0, 1])
+        whole, slope = square[0, 0], square[1, 1]
         square[0, 0] -= len(s) * noise[j]
-        square[3, 3] -= 0.5 * len(s) * noise[j]
-        quiet = square[0, 0] <= LEAST_MOTION * whole or square[3, 3] <= LEAST_MOTION * slope
-        if quiet or cross**2 > COLLINEAR * whole * square[1, 1]:
+        square[1, 1] -= 0.5 * len(s) * noise[j]
+        quiet = square[0, 0] <= LEAST_MOTION * whole or square[1, 1] <= LEAST_MOTION * slope
+        if quiet or (of_e and square[0, 2] ** 2 > COLLINEAR * whole * square[2, 2]):
             continue
         # Error of g by the noise, where x is worked out of u: it is part of x then.
         by_noise = len(s) * noise[j] * np.linalg.inv(square)[0, 0]
         if not 0.0 <= by_noise < 0.5 * GEOMETRY_TOLERANCE:
             continue
-        pairs.append(np.linalg.solve(square, J.T @ (run.x.values[:, j] + e))[:2])
+        fitted = np.linalg.solve(square, J.T @ (run.x.values[:, j] + e))
+        pairs.append((fitted[0], fitted[2] if of_e else 0.0))
     if not pairs:
         return np.nan, np.nan
     of_u, of_e = np.median(pairs, axis=0)

@@ -160,7 +160,12 @@ class Law:
 
 
 def law(m: MeshMotion, change: LawChange | None = None) -> Law:
-    """Evaluate the force law at a motion, under a change; None: the nominal law."""
+    """Return the force law at a motion: its expectation over the noise ``sigma_x`` of x.
+
+    Args:
+        m: motion; ``sigma_x`` of 0 or NaN counts as no noise.
+        change: of the terms of the law; None: the nominal law.
+    """
     ch = change or LawChange()
     x = m.x + ch.d
     s = np.broadcast_to(np.maximum(np.nan_to_num(m.sigma_x), 1e-15), x.shape)

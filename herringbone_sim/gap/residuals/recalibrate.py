@@ -165,5 +165,5 @@ def calibration_columns(run: PreparedRun, law: ForceLaw, factors: Array) -> list
 
 
 def by_mesh(factors: Array, n_mesh: int) -> Array:
-    """Expand factors (6,) on k, c and e of both kinds of mesh to each mesh, (3, n_mesh)."""
+    """Expand factors (6,), in the order of ``NAMES``, to rows k, c and e of (3, n_mesh)."""
     return np.asarray(np.repeat(factors, n_mesh // 2).reshape(3, n_mesh))

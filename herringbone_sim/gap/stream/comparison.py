@@ -108,7 +108,11 @@ class SampleStream:
         self._refused, self._trouble, self._diagnostics = 0, "", ""
 
     def add_samples(self, message: Buffer) -> None:
-        """Add a serialised block of samples; an unreadable block is only counted and reported."""
+        """Add a serialised block of samples.
+
+        An unreadable block is counted and reported in ``status``; it restarts ``age_s`` too, so
+        that a stream of such blocks is ``fresh``.
+        """
         with self._lock:
             self._received_at = self._clock()
             try:
@@ -132,7 +136,7 @@ class SampleStream:
 
     @property
     def parameters(self) -> Mapping[str, Any]:
-        """Parameters that the topic ``channels`` holds."""
+        """Parameters in the last readable message on ``channels``; empty before the first."""
         return self._channels.parameters
 
     @property

@@ -52,7 +52,8 @@ def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
     """Parameters (full model) of the augmented gear, without its effects.
 
     The control torque stays that for the nominal inertia of the carrier, so that the acceleration
-    that it causes is scaled by ``inverse`` of the carrier.
+    that it causes is scaled by ``inverse`` of the carrier. The mass of the planets, a part of that
+    inertia, is scaled with the carrier, not with the planets. omega_n stays nominal.
 
     Raises:
         ParameterError: a changed parameter is out of its range.
@@ -73,9 +74,14 @@ def parameters_of(nominal: Parameters, model: Augmented) -> Parameters:
     before, after = build(full), build(full.changed(changes))
     target = before.damping_n_s_per_m * np.repeat(model.factors[2:4], n // 2)
     damping = np.where(after.damping_n_s_per_m > 0.0, after.damping_n_s_per_m, 1.0)
-    e = np.array(spread(full.e_factor, n)) * np.repeat(model.factors[4:6], n // 2)
-    c_factor = np.array(spread(full.c_factor, n)) * target / damping
-    return full.changed({**changes, "c_factor": c_factor.tolist(), "e_factor": e.tolist()})
+    factor = np.repeat(model.factors[4:6], n // 2)
+    mean = full.e_mean * before.scales.b_c  # the same for all meshes: its change is an offset
+    by_mesh = {
+        "c_factor": np.array(spread(full.c_factor, n)) * target / damping,
+        "e_factor": np.array(spread(full.e_factor, n)) * factor,
+        "e_offset": np.array(spread(full.e_offset, n)) * factor + mean * (factor - 1.0),
+    }
+    return full.changed({**changes, **{name: values.tolist() for name, values in by_mesh.items()}})
 
 
 def from_parameters(

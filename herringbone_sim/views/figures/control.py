@@ -20,6 +20,7 @@ from herringbone_sim.control.runs import LEAST_EXPONENT
 from herringbone_sim.control.shape import ShapeMap, zero_start_periods
 from herringbone_sim.views.figures.maps import (
     APERIODIC,
+    NEITHER,
     PERIOD_COLOURS,
     cells,
     draw_rates,
@@ -27,7 +28,6 @@ from herringbone_sim.views.figures.maps import (
 )
 from herringbone_sim.views.figures.style import FRAMED_STYLE, GREEN, INK, ORANGE, parameter_label
 
-NEITHER = "#8d93a0"
 REACHED = ("#1d2027", "#7d8794", "#86b8df", "#dce9f5")
 REACHED_NAMES = ("none: P1 or P2", "some: P1 or P2", "all: P1 or P2", "all: P1")
 OUTLINE = [withStroke(linewidth=3.0, foreground="white")]

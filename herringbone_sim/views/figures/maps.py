@@ -31,6 +31,7 @@ NO_LOSS = "#e9eaec"
 LOSSES = {1: ("Blues", "one\nflank"), 2: ("Oranges", "both\nflanks")}
 FAILED = "#ffffff"
 APERIODIC = "#1d2027"
+NEITHER = "#8d93a0"  # neither aperiodic nor of a period that has a colour
 # Hue by the odd part of the period, darker with each doubling.
 PERIOD_COLOURS = {
     1: "#dce9f5",
@@ -93,21 +94,25 @@ def save_map(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def draw_period(axes: Axes, result: Result) -> None:
-    """Draw the period by colour, aperiodic motions dark, failed runs white.
+    """Draw the period by colour, aperiodic motions dark, longer periods grey, failed runs white.
 
     Hatched: periodic motions with a positive exponent, which are reached only because left and
     right start equal.
     """
     period = result["period"]
-    colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values()])
-    limits: Any = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 0.5}
-    cells(axes, *_places(result), period_places(period), cmap=colours, **limits)
+    colours = ListedColormap([APERIODIC, *PERIOD_COLOURS.values(), NEITHER])
+    limits: Any = {"vmin": -0.5, "vmax": len(PERIOD_COLOURS) + 1.5}
+    places, longer = period_places(period), period > max(PERIOD_COLOURS)
+    places[longer] = len(PERIOD_COLOURS) + 1
+    cells(axes, *_places(result), places, cmap=colours, **limits)
     axes.set_title("period of the motion, mesh cycles")
     handles = [
         Patch(facecolor=PERIOD_COLOURS[n], edgecolor=INK, linewidth=0.4, label=f"P{n}")
         for n in sorted(PERIOD_COLOURS)
         if (period == n).mean() >= LISTED
     ]
+    if longer.any():
+        handles.append(Patch(facecolor=NEITHER, label=f"above P{max(PERIOD_COLOURS)}"))
     if (period == 0).any():
         handles.append(Patch(facecolor=APERIODIC, label="aperiodic"))
     if np.isnan(period).any():

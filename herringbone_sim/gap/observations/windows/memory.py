@@ -75,7 +75,11 @@ class StateMemory:
         return self.by_key.setdefault(key, KnownStates())
 
     def keep_least(self, fitted: FittedStates) -> None:
-        """Keep states that were fitted without sensor errors if their chi2 is the least."""
+        """Set ``least`` to states if their chi2 is less than that of ``least``.
+
+        Args:
+            fitted: states fitted without sensor errors, which is not checked.
+        """
         if self.least is None or fitted.cost < self.least.cost:
             self.least = fitted
 
