@@ -167,10 +167,10 @@ def _wrong_torque(run: PreparedRun) -> list[Finding]:
     expected = mean_sun_force(run.model)
     sun = run.F.values[:, :half]
     # The median is robust to one wrong sensor, the mean to a displaced planet.
-    of_meshes = sun.mean(axis=0)
+    of_meshes = np.nanmean(sun, axis=0)  # gauges may have gaps
     both = (float(np.median(of_meshes)), float(of_meshes.mean()))
     mean = min(both, key=lambda value: abs(value - expected))
-    spread = float(sun.std()) / np.sqrt(max(len(run) * run.step_s / run.cycle_s, 1.0))
+    spread = float(np.nanstd(sun)) / np.sqrt(max(len(run) * run.step_s / run.cycle_s, 1.0))
     if abs(mean - expected) < TORQUE_TOLERANCE * abs(expected) + spread:
         return []
     text = (

@@ -16,6 +16,7 @@ from herringbone_sim.gap.attribution.effect_forces import FusedRun, expected_for
 from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
+from herringbone_sim.gap.observations.runs import with_missing_rates
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
@@ -62,7 +63,7 @@ def run_views(diagnosis: Diagnosis) -> list[RunView]:
         case = known.get(run.name)
         if case is None:
             corrected = correct_motion_sensors(run, model.actives)
-            case = fused_run(corrected, fuse(corrected))
+            case = fused_run(corrected, with_missing_rates(fuse(corrected), corrected))
         views.append(run_view(case, model))
     return views
 
@@ -115,9 +116,8 @@ def _last_cycles(run: PreparedRun) -> int:
 
 
 def _turns(run: PreparedRun) -> Array:
-    """Signed distance (n,) of every sample from the nearest phase 0, in mesh cycles."""
-    turns = run.phase / (2.0 * np.pi)
-    return np.asarray(turns - np.round(turns), dtype=np.float64)
+    """Mesh phase (n,) of the motion that the channels show at each sample, in mesh cycles."""
+    return np.asarray((run.phase - run.delay_rad) / (2.0 * np.pi), dtype=np.float64)
 
 
 def _planes(
@@ -151,15 +151,16 @@ def _motion(gear: Model, actives: Sequence[Active], case: FusedRun) -> Array:
     """
     machine = tuple(a for a in actives if a.effect.level != "sensor")
     start, before = stepper(gear, machine).start(), TRANSIENT
-    at = int(np.argmin(np.abs(_turns(case.run)[: 2 * gear.parameters.samples_per_cycle])))
+    two_cycles = round(2.0 * case.run.cycle_s / case.run.step_s)
+    turns = _turns(case.run)
+    at = int(np.argmin(np.abs(turns - np.round(turns))[:two_cycles]))
     measured = np.concatenate([case.fused.z[at], case.fused.z_rate[at]])
     if np.isfinite(measured).all():
         s = gear.scales
         unit = np.repeat([s.b_c, s.velocity_m_per_s], len(measured) // 2)
         y = np.concatenate([measured / unit, start.y[len(measured) :]])
-        start = replace(start, y=y, cycle=round(float(case.run.phase[at]) / (2.0 * np.pi)))
-        cycles = float(case.run.phase[-1] - case.run.phase[at]) / (2.0 * np.pi)
-        before = max(round(cycles) - CYCLES, 1)
+        start = replace(start, y=y, cycle=round(turns[at]))
+        before = max(round(turns[-1] - turns[at]) - CYCLES, 1)
     _, settled = simulate(gear, machine, before, start)
     series, _ = simulate(gear, machine, CYCLES, settled)
     x, v = (series.columns(gear.layout.channels_of(q)) for q in "xv")

@@ -17,7 +17,7 @@ from herringbone_sim.practice.laws import (
     FROM,
     TO,
     contact,
-    damping,
+    damping_factor,
     friction,
     warm,
     window,
@@ -99,7 +99,7 @@ def test_curves_are_still_what_the_effect_says(seed):
     low, middle, high = np.interp([FROM, F_0, TO], deflections(), grows)
     assert middle == pytest.approx(1.0, abs=0.02)
     assert (high - low) / np.log(TO / FROM) == pytest.approx(0.2, abs=0.05) or low == 0.1
-    lives = damping(FAMILIES["damping_law"](rng))
+    lives = damping_factor(FAMILIES["damping_law"](rng))
     assert np.all(np.diff(lives) >= -1e-12)
     assert lives[-1] > lives[0] >= 0.0
     rub = friction(FAMILIES["tooth_friction"](rng))

@@ -53,13 +53,16 @@ def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
 def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Finding, ...]]:
     """Unwrap a mesh phase that was recorded modulo 2 pi, and report it as a finding.
 
-    A phase that unwrapping doesn't make regular is returned unchanged, without a finding.
+    A phase in which unwrapping leaves more than half of the odd steps is returned unchanged,
+    without a finding.
     """
-    if "phase" not in series or len(series) < 3 or not np.isfinite(series["phase"]).all():
+    if "phase" not in series or len(series) < 3:
         return series, ()
-    phase = series["phase"]
-    odd, unwrapped = _odd(np.diff(phase)), np.unwrap(phase)
-    if not odd.any() or np.ptp(phase) > 2.0 * np.pi or _odd(np.diff(unwrapped)).any():
+    phase, unwrapped = series["phase"], series["phase"].copy()
+    known = np.isfinite(phase)
+    unwrapped[known] = np.unwrap(phase[known])
+    odd, left = _odd(np.diff(phase)), _odd(np.diff(unwrapped))
+    if not odd.any() or np.ptp(phase[known]) > 2.0 * np.pi or 2 * left.sum() > odd.sum():
         return series, ()
     data = series.data.copy()
     data[:, series.names.index("phase")] = unwrapped

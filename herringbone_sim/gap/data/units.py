@@ -94,8 +94,10 @@ def _forces(run: PreparedRun) -> Array:
     nominal = run.waves.k * backlash(run.x.values, run.model.half_backlash_m)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_law = _powers(run.F.values.std(axis=0) / nominal.std(axis=0))
-        by_load = _powers(np.abs(run.F.values.mean(axis=0)) / abs(mean_sun_force(run.model)))
-    no_displacement = ~np.isfinite(nominal).all(axis=0)
+        values = run.F.values
+        mean = np.nansum(values, axis=0) / np.isfinite(values).sum(axis=0)  # gauges may have gaps
+        by_load = _powers(np.abs(mean) / abs(mean_sun_force(run.model)))
+    no_displacement = ~np.isfinite(run.x.values).all(axis=0)
     agree = no_displacement | (by_law * by_load > 0.0)
     powers: Array = np.where(agree, by_load, 0.0)
     return powers

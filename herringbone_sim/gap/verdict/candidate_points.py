@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,8 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.recording.campaign import POINT
 
-DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}  # decimals to which a point is rounded
+# Decimals to which a point is rounded; small values keep two significant digits.
+DIGITS = {"delta_T": 1, "K": 2, "T_1": 0, "Omega": 3}
 LEVELS = 16
 GENERATORS = (3, 7, 5, 6)  # of the lattice: each level of each quantity occurs once
 MARGIN = 0.2  # beyond the values of the runs on either side, over their range
@@ -68,10 +70,15 @@ def candidate_points(points: Sequence[Mapping[str, float]]) -> list[dict[str, fl
             name: ((i * g) % (LEVELS + 1) - 1) / (LEVELS - 1)
             for name, g in zip(POINT, GENERATORS, strict=True)
         }
-        candidates.append(
-            {n: round(_level(n, s, *ranges[n]), DIGITS[n]) for n, s in shares.items()}
-        )
+        candidates.append({n: rounded(n, _level(n, s, *ranges[n])) for n, s in shares.items()})
     return candidates
+
+
+def rounded(name: str, value: float) -> float:
+    """Value of a quantity rounded to ``DIGITS``, but to two significant digits at least."""
+    if value == 0.0:
+        return 0.0
+    return round(value, max(DIGITS[name], 1 - math.floor(math.log10(abs(value)))))
 
 
 def _level(name: str, share: float, low: float, high: float) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.gap.data.prepared import PreparedCampaign
-from herringbone_sim.gap.verdict.candidate_points import DIGITS, value_ranges
+from herringbone_sim.gap.verdict.candidate_points import rounded, value_ranges
 from herringbone_sim.gap.verdict.decide import Verdict
 from herringbone_sim.gap.verdict.effect_texts import effect_names, in_words
 from herringbone_sim.gap.verdict.experiment_design import Design, leading_explanations
@@ -104,14 +104,14 @@ def _new_value(name: str, values: list[float], span: tuple[float, float]) -> tup
     The middle of the widest gap between the sorted ``values`` of the fit runs, or the upper end of
     ``span`` where there are fewer than two.
     """
-    digits, (word, unit) = DIGITS[name], WORDS[name]
+    word, unit = WORDS[name]
     if not values:
-        return round(span[1], digits), f"{word} that the campaign names"
+        return rounded(name, span[1]), f"{word} that the campaign names"
     if len(values) == 1:
-        return round(span[1], digits), f"{word} but {values[0]:g}{unit}"
+        return rounded(name, span[1]), f"{word} but {values[0]:g}{unit}"
     i = int(np.argmax(np.diff(values)))
     low, high = values[i], values[i + 1]
     return (
-        round(0.5 * (low + high), digits),
+        rounded(name, 0.5 * (low + high)),
         f"{word} between {low:g} and {high:g}{unit}",
     )

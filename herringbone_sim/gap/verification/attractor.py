@@ -87,8 +87,8 @@ def model_motion(
         actives: effects of the model; those on force sensors distort the forces.
     """
     turn = phase_step(run)
-    before = SETTLE * round(2.0 * np.pi / turn)
-    start = run.phase[:1] - before * turn
+    before = round(SETTLE * 2.0 * np.pi / turn)
+    start = run.phase[:1] - run.delay_rad - before * turn
     simulated = simulator.run(fused.z[:1], fused.z_rate[:1], start, turn, before + len(run))
     force = simulated.force_n[0, before:]
     names = run.model.layout.channels_of("F")

@@ -19,8 +19,10 @@ from herringbone_sim.gap.attribution.effect_forces import (
 from herringbone_sim.gap.attribution.effect_torques import (
     balance_with_effects,
     effect_accelerations,
+    mesh_effects_on_bodies,
 )
 from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.observations.runs import with_missing_rates
 from herringbone_sim.gap.residuals.balance_without_forces import (
     SEED,
     WIDTH,
@@ -192,7 +194,11 @@ def residual_gap(
     model = replace(
         model, actives=tuple(a for a in model.actives if not is_motion_sensor_effect(a))
     )
-    cases = [(run, fused_run(m, fuse(m))) for run in runs for m in (correct(run),)]
+    cases = [
+        (run, fused_run(m, with_missing_rates(fuse(m), m)))
+        for run in runs
+        for m in (correct(run),)
+    ]
     if model.motion:
         return Gap("torque_balance", tuple(_motion_gap(run, c, model) for run, c in cases))
     run_gap = _balance_gap if metric == "torque_balance" else _force_law_gap
@@ -243,10 +249,11 @@ def _motion_gap(run: PreparedRun, c: FusedRun, model: Augmented) -> RunGap:
     law = force_law(c.run, c.fused, model.factors)
     c = with_law_forces(c, law)
     through = np.tensordot(model.inverse, inertia_parts(c.run.model), axes=1)
+    pins = mesh_effects_on_bodies(c, model.actives)
     for active in model.actives:
-        if active.effect.level == "body":
+        if active.effect.level == "body" or active in pins:
             after = after - effect_accelerations(c, model.factors, law, active, WIDTH)
-        elif active.effect.level == "mesh":
+        if active.effect.level == "mesh":
             force = effect_contributions(c, model.factors, law, (active,))[0]
             after = after - window_of(c.run, WIDTH).average(force) @ through.T
     return RunGap(run.name, run.role, rms(before.residual), rms(after), rms(balance.sigma))

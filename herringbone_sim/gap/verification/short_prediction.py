@@ -112,7 +112,7 @@ def largest_exponent(
     tangent *= SEPARATION / np.linalg.norm(tangent)
     for cycle in range(cycles):
         pair = np.stack([state, state + tangent * unit])
-        phase = np.full(2, run.phase[0] + 2.0 * np.pi * cycle)
+        phase = np.full(2, run.phase[0] - run.delay_rad + 2.0 * np.pi * cycle)
         simulated = simulator.run(pair[:, :m], pair[:, m:], phase, 2.0 * np.pi, 2, added_states)
         ends = np.hstack([simulated.z[:, 1], simulated.z_rate[:, 1]])
         state, added_states = ends[0], simulated.added_states[:1, 1].repeat(2, axis=0)
@@ -183,8 +183,9 @@ def _predict(
         added_states: (s, n_added_states) at the starts.
     """
     at = horizon.starts
+    phase = run.phase[at] - run.delay_rad  # of the motion that the channels show then
     simulated = simulator.run(
-        z[at], z_rate[at], run.phase[at], phase_step(run), horizon.samples + 1, added_states
+        z[at], z_rate[at], phase, phase_step(run), horizon.samples + 1, added_states
     )
     return simulated.z[:, 1:]
 
