@@ -90,4 +90,4 @@ def foreign_file(
 def write_message(writer: RunWriter, message: bytes, t_s: float, n: int) -> None:
     """Write a message as if it held n samples from t_s [s] on, which the writer never does."""
     writer._write(SAMPLES, t_s, message, None)
-    writer._count(n, t_s, t_s)
+    writer._counts[-1].add(n, t_s, t_s)
