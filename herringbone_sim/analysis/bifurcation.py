@@ -72,6 +72,11 @@ def bifurcation_diagram(
     used = [result for result in results if len(result.section)]
     parameter, chosen = _one_parameter(used)
     mesh = mesh or chosen[0].motion.meshes[0]
+    if any(mesh not in result.motion.meshes for result in chosen):
+        raise AnalysisError(
+            f"a bifurcation diagram needs one mesh in every run, got runs without x_{mesh}: "
+            "hand in runs with the same meshes"
+        )
     exponents = [(r.exponent.value, r.exponent.low, r.exponent.high) for r in chosen]
     points = tuple(_points(result, mesh) for result in chosen)
     pairs = zip(chosen, points, strict=True)

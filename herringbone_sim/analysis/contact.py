@@ -40,7 +40,7 @@ def contact_shares(
     """
     known = half_backlash_m or {}
     return tuple(
-        _shares(motion, column, known.get(mesh[:2], float("nan")))
+        _shares(motion, column, known.get(mesh, known.get(mesh[:2], float("nan"))))
         for column, mesh in enumerate(motion.meshes)
     )
 

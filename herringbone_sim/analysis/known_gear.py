@@ -99,12 +99,13 @@ def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
 
 
 def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:
-    """b' [m] of ``sp`` and ``rp`` meshes at an operating point; None if no gear can have it."""
+    """b' [m] of ``sp`` and ``rp`` meshes, and of each, at a point; None if no gear can have it."""
     try:
-        half = model_at(p, point).half_backlash_m
+        model = model_at(p, point)
     except ParameterError:
         return None
-    return by_kind(half)
+    half = model.half_backlash_m
+    return by_kind(half) | dict(zip(model.layout.meshes, half.tolist(), strict=True))
 
 
 def _exponent(

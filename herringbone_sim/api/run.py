@@ -16,7 +16,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure
@@ -97,7 +97,10 @@ class Run(NotebookResult):
 
     def facts(self) -> list[tuple[str, str]]:
         span = float(self.t[-1] - self.t[0])
-        motions = ", ".join(segment.label for segment in self.segments)
+        try:
+            motions = ", ".join(segment.label for segment in self.segments)
+        except AnalysisError as error:
+            motions = f"not known: {error}"
         facts = [
             (
                 "samples",

@@ -66,7 +66,10 @@ class NotebookResult:
         plot = getattr(self, "plot", None)
         if plot is None:
             return text
-        image = base64.b64encode(plot()._repr_png_()).decode()
+        try:
+            image = base64.b64encode(plot()._repr_png_()).decode()
+        except AnalysisError:
+            return text
         return f"{text}<img alt='{escape(self.title())}' src='data:image/png;base64,{image}'>"
 
 

@@ -205,10 +205,10 @@ def demand_text(demand: TorqueDemand, T_1: float) -> str:
     """Text of phase, K and torque of a demand; the torque also over the rated T_1 [N m]."""
     if not np.isfinite(demand.K):
         return f"phase {demand.phase:+.2f}: nothing firm up to K = {demand.largest:g}"
-    times = demand.torque_n_m / T_1
+    times = f", {demand.torque_n_m / abs(T_1):.0f} times T_1" if T_1 else ""
     return (
-        f"phase {demand.phase:+.2f}: K {demand.K:.3f}, {demand.torque_n_m:.0f} N m on one body, "
-        f"{times:.0f} times T_1"
+        f"phase {demand.phase:+.2f}: K {demand.K:.3f}, {demand.torque_n_m:.0f} N m on one body"
+        f"{times}"
     )
 
 

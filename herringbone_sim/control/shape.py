@@ -111,16 +111,26 @@ def equivalent_error(p: Parameters) -> tuple[float, float]:
     """Amplitude e_m [b_c] and phase phi_b [rad] of a mesh error that acts as error plus control.
 
     From e_m Omega^2 sin(a) - K cos(a + phase) = e_m' Omega^2 sin(a + phi_b'): the same motion in
-    the relative displacements x, for order 1 on all four equations and an error of phase 0.
+    the relative displacements x, for order 1 on all four equations and a mesh error that all
+    meshes have alike.
     """
-    steady = p.e_m * p.Omega**2 + p.K * np.sin(p.control_phase)
-    across = -p.K * np.cos(p.control_phase)
+    amplitude, angle = _first_harmonic(p)
+    inertia = amplitude * p.Omega**2
+    steady = inertia * np.cos(angle) + p.K * np.sin(p.control_phase)
+    across = inertia * np.sin(angle) - p.K * np.cos(p.control_phase)
     return float(np.hypot(steady, across) / p.Omega**2), float(np.arctan2(across, steady))
 
 
 def cancelling(p: Parameters) -> tuple[float, float]:
     """K and phase [rad] at which the control cancels the inertia term of the mesh error."""
-    return float(p.e_m * p.Omega**2), float(-np.pi / 2.0)
+    amplitude, angle = _first_harmonic(p)
+    return float(amplitude * p.Omega**2), float(angle - np.pi / 2.0)
+
+
+def _first_harmonic(p: Parameters) -> tuple[float, float]:
+    """Amplitude [b_c] and phase [rad] of the mesh error at mesh order, of all meshes alike."""
+    share = p.e_amp[0] if p.e_amp else 0.0
+    return p.e_m * share * p.e_factor[0], p.phi_b[0] + p.mesh_phase[0]
 
 
 def around_cancelling(

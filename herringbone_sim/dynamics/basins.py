@@ -47,7 +47,8 @@ class Basins:
     def shares(self, confidence: float = 0.95) -> Array:
         """(n_attractors, 3) fraction of the initial states, and ends of its Wilson interval."""
         n = self.labels.size
-        return np.array([[c / n, *wilson(int(c), n, confidence)] for c in self.counts])
+        rows = [[c / n, *wilson(int(c), n, confidence)] for c in self.counts]
+        return np.array(rows).reshape(-1, 3)
 
 
 def explore(

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from herringbone_sim.analysis.periods import MAX_PERIOD
+from herringbone_sim.analysis.periods import MAX_PERIOD, MIN_REPEATS
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
@@ -101,7 +101,10 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
         rows = [i for i, model in enumerate(built) if model is not None]
         if rows and batch is not None:
             mine = _slice(batch, first, first + len(rows))
-            table["period"][rows] = find_periods(mine.sections, longest)
+            periods = find_periods(mine.sections, longest)
+            if look.points < MIN_REPEATS * (longest // MAX_PERIOD):
+                periods[periods == 0.0] = np.nan  # a period of the effects was not looked for
+            table["period"][rows] = periods
             _fill(table, rows, request.sweep, chosen, mine)
             for i, reason in zip(rows, mine.reasons, strict=True):
                 reasons[i] = reason

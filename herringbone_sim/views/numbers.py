@@ -32,4 +32,6 @@ def figure(number: float, digits: int = 3) -> str:
     """
     if not math.isfinite(number):
         return NOT_KNOWN
-    return f"{number:.0f}" if 10**digits <= abs(number) < 1e6 else f"{number:.{digits}g}"
+    rounded = abs(float(f"{number:.{digits}g}"))
+    whole = 10**digits <= rounded and abs(number) < 1e6
+    return f"{number:.0f}" if whole else f"{number:.{digits}g}"

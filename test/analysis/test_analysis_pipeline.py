@@ -11,6 +11,7 @@ from analysis_support import harmonic_series, henon, logistic, mapped_series
 from herringbone_sim.analysis.bifurcation import bifurcation_diagram
 from herringbone_sim.analysis.known_gear import gear_of
 from herringbone_sim.analysis.pipeline import GearData, Options, SegmentResult, analyze_series
+from herringbone_sim.analysis.segments import FREQUENCY
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
@@ -161,3 +162,26 @@ def test_a_periodic_motion_of_the_simulator_under_noise() -> None:
     assert clean.period.value == noisy.period.value
     assert clean.period.value
     assert noisy.noise > 0.004
+
+
+def test_runs_with_other_meshes_give_no_diagram() -> None:
+    """Of a reduced and of a full model: one clear error."""
+    results = []
+    for model, value in (("reduced", 10.0), ("reduced", 20.0), ("full", 30.0)):
+        gear = build(Parameters(model=model, delta_T=value))
+        _, settled = simulate(gear, 20)
+        series, _ = simulate(gear, 40, settled)
+        results += analyze_series(series)
+    with pytest.raises(AnalysisError, match="one mesh in every run"):
+        bifurcation_diagram(results, "delta_T")
+
+
+def test_each_mesh_has_its_own_backlash() -> None:
+    p = Parameters(b_offset=(0.0, -3e-5, 0.0, -3e-5))
+    model = build(p.changed({"delta_T": 20.0}))
+    frequency = model.parameters.Omega * model.scales.omega_n / (2.0 * np.pi)
+    point = {"delta_T": 20.0, FREQUENCY: frequency}
+    half = gear_of(to_mapping(p), with_model=False).half_backlash_m(point)
+    wanted = model.half_backlash_m
+    assert [half[mesh] for mesh in p.layout.meshes] == pytest.approx(wanted.tolist())
+    assert half["sp_R"] < half["sp_L"]

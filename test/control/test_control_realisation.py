@@ -7,9 +7,11 @@ import pytest
 from equations import body_accelerations
 from gears import make
 
+from herringbone_sim.cli.control_text import demand_text
 from herringbone_sim.control.amplitude import Target, run_survey
 from herringbone_sim.control.realisation import (
     BODIES,
+    TorqueDemand,
     mesh_map,
     single_actuators,
     smallest_demand,
@@ -21,6 +23,8 @@ from herringbone_sim.control.realisation import (
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.batch import run_batch
+from herringbone_sim.core.model import build
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
 
 PAPER = (1.0, 1.0, 1.0, 1.0)
@@ -177,3 +181,12 @@ def test_the_torque_needed_is_the_amplitude_times_the_torque_of_one():
     found = torque_demands(runner, survey, planets, [Target(1, "zero")])
     assert [one.K for one in found] == [0.1, 0.1]
     assert smallest_demand(found).torque_n_m == pytest.approx(0.1 * abs(planets.torques_n_m[3]))
+
+
+def test_a_demand_without_a_rated_torque_is_told_without_it() -> None:
+    """A torque T_1 of 0 is a valid gear."""
+    demand = TorqueDemand(
+        single_actuators(build(Parameters()))[0], Target(1, "all"), 0.0, 0.5, 2.0, 100.0
+    )
+    assert "times T_1" not in demand_text(demand, 0.0)
+    assert "2 times T_1" in demand_text(demand, -50.0)

@@ -19,7 +19,9 @@ from herringbone_sim.control.shape import (
     shape_map,
 )
 from herringbone_sim.core.batch import run_batch
-from herringbone_sim.core.model import relative, state
+from herringbone_sim.core.integrate import simulate
+from herringbone_sim.core.model import build, relative, state
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.sweeps.grid import Axis
 
 LINEAR = {"b": 0.0, "gamma": 0.0, "k_amp": (), "e_m": 0.0, "T_1": 0.0, "xi": 0.1}
@@ -111,3 +113,20 @@ def test_phases_and_the_best_of_them():
     assert 0.0 in turn
     assert best(np.array(turn[:3]), np.array([0.4, np.nan, 0.2])) == (turn[2], 0.2)
     assert np.isnan(best(np.array(turn[:2]), np.array([np.nan, np.nan]))).all()
+
+
+@pytest.mark.parametrize(
+    "error", [{}, {"e_amp": (0.5,)}, {"phi_b": (0.7,)}, {"mesh_phase": (0.4,)}]
+)
+def test_the_control_cancels_a_mesh_error_of_any_amplitude_and_phase(error):
+    """With constant stiffness nothing is left to move the gear in its meshes."""
+    free = Parameters(k_amp=(0.0,), **error)
+    K, phase = cancelling(free)
+
+    def moved(K):
+        model = build(free.changed({"K": K, "control_phase": phase}))
+        _, settled = simulate(model, 300)
+        series, _ = simulate(model, 4, settled)
+        return np.ptp(series.columns(model.layout.channels_of("x")), axis=0).max()
+
+    assert moved(K) < 1e-9 * moved(0.0)

@@ -19,6 +19,7 @@ from herringbone_sim.dynamics.attractors import (
     same_set_share,
 )
 from herringbone_sim.dynamics.basins import (
+    Basins,
     explore,
     explore_slice,
     gear_sections,
@@ -219,3 +220,7 @@ def test_sections_do_not_hang_on_the_number_of_threads(gear):
     one = gear_sections(model, 50, 20)(starts)
     for workers in (2, 3, 40):
         np.testing.assert_array_equal(gear_sections(model, 50, 20, workers)(starts), one)
+
+
+def test_starts_that_all_diverge_have_no_shares():
+    assert Basins((), np.full(5, -1)).shares().shape == (0, 3)

@@ -61,6 +61,12 @@ def test_a_run_shows_itself_and_gives_its_channels_to_pandas_and_xarray():
     assert data["x_sp_L"].attrs["units"] == "m"
 
 
+def test_a_run_too_short_for_an_analysis_shows_itself_too():
+    run = hb.simulate(cycles=1)
+    assert "not known: an analysis needs" in repr(run)
+    assert "run" in run._repr_html_()
+
+
 def test_a_recorded_run_is_read_as_it_was_simulated(tmp_path):
     run = hb.read_run(write_run(tmp_path, n=500))
     assert np.array_equal(run.samples.data, make_rows(0, 500))

@@ -174,3 +174,14 @@ def test_the_commands_take_a_file_with_effects(
     assert load_result(load_store(out / "fixed")).sweep.effects == SOFT
     two = ["--over", "delta_T=80:90:2", "--over", "K=0:0.1:2"]
     assert main(["map", *common, *two, "--out", str(tmp_path / "map")]) == 0
+
+
+def test_a_motion_that_repeats_with_a_member_is_not_called_aperiodic_for_too_few_points() -> None:
+    """A run-out of the sun repeats after 27 mesh cycles, of which 80 hold less than five."""
+    runout = read_effects("runout@sp/all/all:amplitude=2e-5,member=sun")
+    axes = (Axis("delta_T", (85.0, 86.0)),)
+    look = Observation(200, 80, 80)
+    few = table_of(Sweep.of_gear(gear(), runout, axes, look, "fixed"))
+    assert np.isnan(few["period"]).all()
+    plain = table_of(Sweep.of_gear(gear(), (), axes, look, "fixed"))
+    assert np.isfinite(plain["period"]).all()

@@ -314,8 +314,9 @@ def test_what_closes_the_gap_is_named_by_the_verdict() -> None:
 
 
 def test_figures_are_short() -> None:
-    told = [figure(value) for value in (1234.4, 98.0, 0.12345, -56789.0, 1.5e9, math.nan)]
-    assert told == ["1234", "98", "0.123", "-56789", "1.5e+09", "not known"]
+    told = [figure(value) for value in (1234.4, 98.0, 999.7, 0.12345, -56789.0, 1.5e9)]
+    assert told == ["1234", "98", "1000", "0.123", "-56789", "1.5e+09"]
+    assert figure(math.nan) == "not known"
 
 
 def test_few_sensors_are_told_what_one_more_would_tell(tmp_path: Path) -> None:

@@ -23,9 +23,11 @@ from mirror_support import (
 )
 
 from herringbone_sim.core.layout import Layout
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.views.mirror.block import Drawing, MirrorBlock
 from herringbone_sim.views.mirror.mirror import RerunMirror
+from herringbone_sim.views.mirror.replay import at_temperature
 from herringbone_sim.views.mirror.target import MirrorTarget
 
 FULL = Layout(3, numbered=True)
@@ -230,3 +232,10 @@ def test_a_failure_that_repeats_is_told_rarely_with_its_count(
         now[0] += 1.0
     told("failed: b")
     assert lines == ["failed: a", "failed: a (11 times)", "failed: a (21 times)", "failed: b"]
+
+
+def test_a_temperature_that_is_not_finite_leaves_the_gear_as_it_is() -> None:
+    """As a NaN at the end of a block of a recording."""
+    gear = Parameters(delta_T=40.0)
+    assert at_temperature(gear, {"delta_T": float("nan")}) is gear
+    assert at_temperature(gear, {"delta_T": 50.0}) == gear.changed({"delta_T": 50.0})

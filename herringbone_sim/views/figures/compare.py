@@ -14,7 +14,14 @@ from matplotlib.patches import Patch
 from herringbone_sim.sweeps.compare import APERIODIC, FAILED, GearSweeps
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.views.figures import maps
-from herringbone_sim.views.figures.style import BLUE, GREY, ORANGE, STYLE, parameter_label
+from herringbone_sim.views.figures.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    STYLE,
+    cell_edges,
+    parameter_label,
+)
 from herringbone_sim.views.figures.text import mesh_symbol
 
 COLOURS = {"nominal": BLUE, "augmented": ORANGE}
@@ -52,14 +59,15 @@ def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
         figure = Figure(figsize=(7.6, 1.2 + 0.24 * len(rows)))
         axes = figure.subplots()
         picture = np.array([[to_rgb(colour(name)) for name in row] for row in names])
-        low, high = _ends(nominal.axis.values)
-        look: Any = {"aspect": "auto", "interpolation": "nearest"}
-        axes.imshow(picture, extent=(low, high, len(rows), 0.0), **look)
+        values = np.array(nominal.axis.values)
+        edges = cell_edges(values) if len(values) > 1 else np.array(_ends(nominal.axis.values))
+        axes.pcolormesh(edges, np.arange(len(rows) + 1.0), picture, rasterized=True)
+        axes.set(xlim=(edges[0], edges[-1]), ylim=(len(rows), 0.0))
         axes.axhline(len(nominal.results), color="white", linewidth=3.0)
         axes.set_yticks(np.arange(len(rows)) + 0.5, [f"{side.name}, {way}" for side, way in rows])
         axes.set_xlabel(parameter_label(nominal.axis.name))
         handles = [Patch(facecolor=colour(k), edgecolor=GREY, label=k) for k in kinds]
-        look = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "fontsize": 8}
+        look: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "fontsize": 8}
         axes.legend(handles=handles, **look)
         return figure
 

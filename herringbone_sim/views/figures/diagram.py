@@ -93,7 +93,8 @@ def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
     for branch in branches:
         colour, label = LOOKS[branch.start]
         alike = np.where(np.isfinite(branch.within), branch.within, branch.exponent)
-        axes.plot(branch.values, alike, color=colour, label="left = right" if alone else label)
+        name = "left = right" if np.isfinite(branch.within).any() else "of all perturbations"
+        axes.plot(branch.values, alike, color=colour, label=name if alone else label)
         look: Any = {"color": ORANGE} if alone else {"color": colour, "linestyle": ":"}
         parts = "parts left and right" if branch is branches[-1] else None
         axes.plot(branch.values, branch.transverse, label=parts, **look)

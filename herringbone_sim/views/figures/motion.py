@@ -34,7 +34,8 @@ from herringbone_sim.views.figures.text import plain_text
 
 def motion_figure(result: SegmentResult, mesh: str, scale: Scale) -> Figure:
     """Draw time course, phase portrait, Poincaré section and spectrum of a mesh in one segment."""
-    half_backlash_m = (result.half_backlash_m or {}).get(mesh[:2])
+    known = result.half_backlash_m or {}
+    half_backlash_m = known.get(mesh, known.get(mesh[:2]))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 5.4))
         axes = figure.subplots(2, 2)

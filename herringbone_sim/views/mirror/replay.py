@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import ceil, pi
+from math import ceil, isfinite, nan, pi
 
 import numpy as np
 
@@ -192,9 +192,10 @@ def gear_of(recording: Recording, nominal: bool) -> tuple[Parameters | None, lis
 
 def at_temperature(gear: Parameters | None, parameters: Mapping[str, float]) -> Parameters | None:
     """Return the gear with ``delta_T`` of ``parameters``; unchanged where either is unknown."""
-    if gear is None or "delta_T" not in parameters:
+    delta_T = parameters.get("delta_T", nan)
+    if gear is None or not isfinite(delta_T):
         return gear
-    return gear.changed({"delta_T": parameters["delta_T"]})
+    return gear.changed({"delta_T": delta_T})
 
 
 def scale_of(gear: Parameters) -> Scale:
