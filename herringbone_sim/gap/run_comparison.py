@@ -16,8 +16,7 @@ from herringbone_sim.gap.attribution.effect_forces import FusedRun, expected_for
 from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.diagnose import Diagnosis
-from herringbone_sim.gap.observations.runs import with_missing_rates
-from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.observations.runs import fuse_with_rates
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.sensors.correction import correct_motion_sensors
 from herringbone_sim.gap.verdict.augmented import Augmented, parameters_of
@@ -63,7 +62,7 @@ def run_views(diagnosis: Diagnosis) -> list[RunView]:
         case = known.get(run.name)
         if case is None:
             corrected = correct_motion_sensors(run, model.actives)
-            case = fused_run(corrected, with_missing_rates(fuse(corrected), corrected))
+            case = fused_run(corrected, fuse_with_rates(corrected))
         views.append(run_view(case, model))
     return views
 

@@ -22,13 +22,14 @@ from herringbone_sim.gap.data.breaks import longest_part, unwrap_phase
 from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.data.units import wrong_units
+from herringbone_sim.gap.observations.runs import fuse_with_rates
 from herringbone_sim.gap.planning.synthetic import SensorNoise, simulate_campaign
 from herringbone_sim.gap.residuals.balance_without_forces import fused_noise
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.run_comparison import _motion
 from herringbone_sim.gap.sensors.filter_delay import compensate_filter, with_delayed_waves
 from herringbone_sim.gap.verdict.augmented import Augmented, nominal_model
-from herringbone_sim.gap.verdict.candidate_points import candidate_points
+from herringbone_sim.gap.verdict.candidate_points import candidate_points, predict_run
 from herringbone_sim.gap.verdict.next_experiment import _new_value
 from herringbone_sim.gap.verification.attractor import model_motion
 from herringbone_sim.gap.verification.residual_gap import residual_gap
@@ -180,6 +181,16 @@ def test_a_wrapped_phase_with_a_gap_is_unwrapped() -> None:
         unwrapped, findings = unwrap_phase("run", cut)
         assert len(findings) == 1
         assert len(longest_part("run", unwrapped)[0]) == 420
+
+
+def test_a_run_without_rates_is_predicted_with_slopes_as_it_was_compared() -> None:
+    """Else its force law says nothing, and no proposed point tells explanations apart."""
+    run = recorded("xF")
+    case = fused_run(run, fuse_with_rates(run))
+    predicted = predict_run((case,), FULL, FULL, np.ones(6), POINT)
+    assert predicted is not None
+    np.testing.assert_array_equal(predicted.case.usable, case.usable)
+    assert case.usable.all()
 
 
 def test_small_loads_have_points_of_their_own() -> None:

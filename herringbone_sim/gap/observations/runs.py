@@ -37,7 +37,7 @@ class GearRun:
 
 def gear_run(run: PreparedRun, stride: int) -> GearRun:
     """Fuse the channels of a run, fill in missing rates, and form its motions."""
-    fused = with_missing_rates(fuse(run), run)
+    fused = fuse_with_rates(run)
     motion, some = mesh_motion(run, fused), mesh_motion(run, fused, stride)
     dense = _dense(run, fused, motion)
     if dense is not None and dense.filtered is not None:
@@ -101,8 +101,12 @@ def polynomial_rates(values: Array, sigma: Array, step: float) -> tuple[Array, A
     return rates, np.sqrt(noise)
 
 
-def with_missing_rates(fused: Fused, run: PreparedRun) -> Fused:
-    """Fill in missing rates by differentiating displacements, unless the run is too short."""
+def fuse_with_rates(run: PreparedRun) -> Fused:
+    """Fuse the channels of a run; missing rates are slopes of the displacements.
+
+    Where the run is too short for slopes, they stay missing.
+    """
+    fused = fuse(run)
     if len(run) < max(n for n, _ in SLOPE_FILTERS) or np.isfinite(fused.v).all():
         return fused
 

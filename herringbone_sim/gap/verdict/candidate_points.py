@@ -17,7 +17,7 @@ from herringbone_sim.errors import HerringboneError
 from herringbone_sim.gap.attribution.effect_forces import FusedRun, fused_run
 from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
-from herringbone_sim.gap.residuals.fusion import fuse
+from herringbone_sim.gap.observations.runs import fuse_with_rates
 from herringbone_sim.recording.campaign import POINT
 
 # Decimals to which a point is rounded; small values keep two significant digits.
@@ -115,7 +115,9 @@ def predict_run(
         series, _ = simulate(model, CYCLES, settled)
         run = _recorded([c.run for c in cases], series, build(nominal.changed(point)), factors)
         forces = series.columns(model.layout.channels_of("F"))
-        return PredictedRun(point, fused_run(run, fuse(run)), float(np.abs(forces).max()))
+        return PredictedRun(
+            point, fused_run(run, fuse_with_rates(run)), float(np.abs(forces).max())
+        )
     except (HerringboneError, np.linalg.LinAlgError):
         return None
 

@@ -22,14 +22,13 @@ from herringbone_sim.gap.attribution.effect_torques import (
     mesh_effects_on_bodies,
 )
 from herringbone_sim.gap.data.prepared import PreparedRun
-from herringbone_sim.gap.observations.runs import with_missing_rates
+from herringbone_sim.gap.observations.runs import fuse_with_rates
 from herringbone_sim.gap.residuals.balance_without_forces import (
     SEED,
     WIDTH,
     fused_noise,
     motion_balance,
 )
-from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.residuals.recalibrate import force_law
 from herringbone_sim.gap.residuals.torque_balance import inertia_parts, window_of
 from herringbone_sim.gap.sensors.consistency import consistency_chi2
@@ -194,11 +193,7 @@ def residual_gap(
     model = replace(
         model, actives=tuple(a for a in model.actives if not is_motion_sensor_effect(a))
     )
-    cases = [
-        (run, fused_run(m, with_missing_rates(fuse(m), m)))
-        for run in runs
-        for m in (correct(run),)
-    ]
+    cases = [(run, fused_run(m, fuse_with_rates(m))) for run in runs for m in (correct(run),)]
     if model.motion:
         return Gap("torque_balance", tuple(_motion_gap(run, c, model) for run, c in cases))
     run_gap = _balance_gap if metric == "torque_balance" else _force_law_gap
