@@ -19,7 +19,7 @@ from herringbone_sim.sweeps.store import Result
 
 Labels = Sequence[str]
 
-APERIODIC, FAILED = "aperiodic", "failed"
+APERIODIC, NOT_KNOWN = "aperiodic", "not known"
 CONTACT = {0.0: "contact kept", 1.0: "one flank lost", 2.0: "both flanks hit"}
 LEAST_STRETCH = 0.02  # of the values; shorter stretches are periodic windows, not regimes
 
@@ -49,7 +49,7 @@ class GearSweeps:
 
     def contacts(self, way: str) -> list[str]:
         """Contact loss at n values, reached in one way: of ``CONTACT`` or ``failed``."""
-        return [CONTACT.get(float(loss), FAILED) for loss in self.results[way]["contact_loss"]]
+        return [CONTACT.get(float(loss), NOT_KNOWN) for loss in self.results[way]["contact_loss"]]
 
 
 @dataclass(frozen=True)
@@ -122,12 +122,13 @@ class Stretch:
 
 
 def motion(period: float, forcing: int = 1) -> str:
-    """Name a motion by its period in mesh cycles: ``P2``, ``aperiodic`` (0) or ``failed`` (NaN).
+    """Name a motion by its period in mesh cycles: ``P2``, ``aperiodic`` (0) or
+    ``not known`` (NaN: the run failed, or holds too few points).
 
     The number counts periods of ``forcing`` mesh cycles; ``N mesh cycles`` if it is not whole.
     """
     if not np.isfinite(period):
-        return FAILED
+        return NOT_KNOWN
     cycles = int(period)
     if cycles == 0:
         return APERIODIC
@@ -240,7 +241,7 @@ def motions_at(side: GearSweeps) -> list[list[str]]:
     for k in range(len(side.axis)):
         distinct: list[int] = []
         for i, row in enumerate(names):
-            if row[k] != FAILED and all(apart[i, j][k] for j in distinct):
+            if row[k] != NOT_KNOWN and all(apart[i, j][k] for j in distinct):
                 distinct.append(i)
         names_at.append([names[i][k] for i in distinct])
     return names_at

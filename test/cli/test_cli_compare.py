@@ -55,7 +55,7 @@ def side(name: str, *edges: float, forcing: int = 1, other: float = 90.0, lost: 
 
 
 def test_motions_are_named_by_the_period_of_the_forcing() -> None:
-    assert [motion(p) for p in (0.0, 1.0, 3.0, math.nan)] == ["aperiodic", "P1", "P3", "failed"]
+    assert [motion(p) for p in (0.0, 1.0, 3.0, math.nan)] == ["aperiodic", "P1", "P3", "not known"]
     assert [motion(p, 27) for p in (27.0, 54.0, 0.0)] == ["P1", "P2", "aperiodic"]
     assert motion(40.0, 27) == "40 mesh cycles"
     assert colour("P1") != colour("P2") != colour("aperiodic")

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from herringbone_sim.sweeps.compare import APERIODIC, FAILED, GearSweeps
+from herringbone_sim.sweeps.compare import APERIODIC, NOT_KNOWN, GearSweeps
 from herringbone_sim.sweeps.diagram import diagram_of
 from herringbone_sim.views.figures import maps
 from herringbone_sim.views.figures.style import (
@@ -74,7 +74,7 @@ def starts_figure(nominal: GearSweeps, augmented: GearSweeps) -> Figure:
 
 def colour(name: str) -> str:
     """Return the colour of a motion, such as ``P2`` or ``aperiodic``, as on two-parameter maps."""
-    fixed = {APERIODIC: maps.APERIODIC, FAILED: maps.FAILED}
+    fixed = {APERIODIC: maps.APERIODIC, NOT_KNOWN: maps.FAILED}
     number = int(name[1:]) if name[:1] == "P" and name[1:].isdigit() else 0
     return fixed.get(name) or maps.PERIOD_COLOURS.get(number, OTHER)
 
