@@ -49,9 +49,9 @@ class Machine(Protocol):
         """All hypotheses of the catalogue: every effect at every place with every option."""
 
     def proposals(self, amplitudes: Amplitudes, known: Score) -> tuple[Machine, list[Hypothesis]]:
-        """Hypotheses that a residual suggests beyond the catalogue; by default none.
+        """Hypotheses that a residual suggests beyond the catalogue, such as a damaged tooth.
 
-        Such as a damaged tooth.
+        By default none.
 
         Args:
             amplitudes: of the current fit, whose residual is searched.
