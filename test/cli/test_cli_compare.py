@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from herringbone_sim.sweeps.compare import (
 )
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
 from herringbone_sim.sweeps.store import Result
-from herringbone_sim.views.figures.compare import colour
+from herringbone_sim.views.figures.compare import colour, starts_figure
 from herringbone_sim.views.pages.compare import cells, headline
 from herringbone_sim.views.pages.gap.page import compare_command, gap_page
 
@@ -59,6 +60,19 @@ def test_motions_are_named_by_the_period_of_the_forcing() -> None:
     assert [motion(p, 27) for p in (27.0, 54.0, 0.0)] == ["P1", "P2", "aperiodic"]
     assert motion(40.0, 27) == "40 mesh cycles"
     assert colour("P1") != colour("P2") != colour("aperiodic")
+
+
+def test_starts_are_drawn_at_their_values_on_an_uneven_axis() -> None:
+    """Cells reach to the middle between values, as on a map."""
+    alone = side("nominal", 70.0, 80.0)
+    uneven = Sweep(gear(), (Axis("delta_T", (0.0, 1.0, 10.0)),), LOOK)
+    results = {
+        way: replace(of, sweep=uneven, columns={n: c[:3] for n, c in of.columns.items()})
+        for way, of in alone.results.items()
+    }
+    made = replace(alone, results=results)
+    (cells_drawn,) = starts_figure(made, made).axes[0].collections
+    np.testing.assert_allclose(cells_drawn.get_coordinates()[0, :, 0], [-0.5, 0.5, 5.5, 14.5])
 
 
 def test_stretches_that_do_not_last_make_no_boundary() -> None:
