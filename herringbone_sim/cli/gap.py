@@ -26,7 +26,7 @@ from herringbone_sim.gap.diagnose import Diagnosis, diagnose
 from herringbone_sim.gap.observations.reconstructed_forces import ReconstructedForces
 from herringbone_sim.gap.report import Estimate, Report
 from herringbone_sim.gap.report_file import write_report
-from herringbone_sim.gap.residuals.force_law import ForceResidual, force_residual
+from herringbone_sim.gap.residuals.force_residual import ForceResidual, force_residual
 from herringbone_sim.gap.verdict.augmented import save_augmented
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.residual_gap import Gap

@@ -14,7 +14,7 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, RecordingError
-from herringbone_sim.gap.residuals.force_law import force_residual
+from herringbone_sim.gap.residuals.force_residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.writer import RunWriter
 

@@ -21,7 +21,7 @@ from herringbone_sim.effects.gear import laws
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.gap.data.mesh_excitation import waves
-from herringbone_sim.gap.residuals.force_law import force_residual
+from herringbone_sim.gap.residuals.force_residual import force_residual
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.hidden_effects import hidden_effects
 from herringbone_sim.recording.reader import read_recording
