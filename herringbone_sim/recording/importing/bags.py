@@ -89,4 +89,6 @@ def _block(message: Any) -> list[tuple[str, Values]] | None:
     names = dimensions[1].label.split(",") if len(dimensions) == 2 else []
     if not names or len(message.data) != dimensions[0].size * len(names):
         return None
-    return list(zip(names, message.data.reshape(-1, len(names)).T, strict=True))
+    return list(
+        zip([name.strip() for name in names], message.data.reshape(-1, len(names)).T, strict=True)
+    )

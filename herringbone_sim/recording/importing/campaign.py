@@ -139,11 +139,8 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
     read = [(file, _columns(file)) for file in run.files]
     dates = [date for file, columns in read if (date := first_date(file, columns)) is not None]
     zero = min(dates) if dates else None
-    parts = [
-        _unwrapped_angles(group)
-        for file, columns in read
-        for group in clock_groups(file, columns, zero)
-    ]
+    groups = [g for file, columns in read for g in clock_groups(file, columns, zero)]
+    parts = [_unwrapped_angles(group) for group in groups]
     on_one = merged(parts)
     model = build(spec.nominal.changed(run.point))
     values = with_turns(model, spec.shaft, spec.phase_offset, on_one.times, on_one.values)
@@ -160,10 +157,10 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
         run.role,
         len(times),
         float((len(times) - 1) / times[-1]),
-        float(np.ptp(values["phase"]) / (2.0 * np.pi)),
+        float((np.nanmax(values["phase"]) - np.nanmin(values["phase"])) / (2.0 * np.pi)),
         _imported(spec, run, values, rates),
         (*on_one.left.items(), *_unnamed(read)),
-        (*on_one.notes, *remarks(model, times, values)),
+        (*on_one.notes, *_wrapped_phase(groups), *remarks(model, times, values)),
     )
 
 
@@ -181,6 +178,19 @@ def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
         for name, column in stream.values.items()
     }
     return ClockGroup(stream.label, stream.times, values, stream.resample)
+
+
+def _wrapped_phase(groups: Sequence[ClockGroup]) -> list[str]:
+    """Return a sentence if a file has the mesh phase modulo 2 pi, which ``unwrapped`` undoes."""
+    phases = [group.values["phase"] for group in groups if "phase" in group.values]
+    if not any(
+        unwrapped(p) is not p and np.nanmax(p) - np.nanmin(p) <= 2.0 * np.pi for p in phases
+    ):
+        return []
+    return [
+        "the mesh phase starts anew at every turn and was unwrapped: events of single teeth and "
+        "run-out need it counted on, from the same teeth in all runs"
+    ]
 
 
 def _unnamed(read: Sequence[tuple[FileSpec, Columns]]) -> list[tuple[str, str]]:

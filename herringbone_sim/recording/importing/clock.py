@@ -16,6 +16,7 @@ from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
 # Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
 # shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
 SAME = 0.01
+HOLE = 3.0  # usual steps of a file without a sample beyond which nothing is interpolated
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,12 @@ def merged(parts: Sequence[ClockGroup]) -> Merged:
             f"{group.label} has a clock of its own ({group.rate_hz:.6g} Hz), {main.label} "
             f"{main.rate_hz:.6g} Hz: set resample: true to bring it there by straight lines"
         )
+        if group.times[0] > main.times[-1] or group.times[-1] < main.times[0]:
+            reason = (
+                f"{group.label} has {group.times[0]:.6g} s to {group.times[-1]:.6g} s, "
+                f"{main.label} {main.times[0]:.6g} s to {main.times[-1]:.6g} s, nothing in "
+                "common: mend start or trigger_offset"
+            )
         left_out |= dict.fromkeys(group.values, reason)
     rows = _overlap(main, joined)
     times = main.times[rows]
@@ -205,8 +212,15 @@ def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
 
 
 def _at(times: Array, sample_times: Array, values: Array, same: bool) -> Array:
-    """Return values at other times: of the nearest samples if ``same``, else interpolated."""
-    values_there: Array = (
-        values[_nearest(times, sample_times)] if same else np.interp(times, sample_times, values)
-    )
-    return values_there
+    """Return values at other times: of the nearest samples if ``same``, else interpolated.
+
+    NaN where samples are missing: between two that are more than ``HOLE`` usual steps apart.
+    """
+    if same:
+        nearest: Array = values[_nearest(times, sample_times)]
+        return nearest
+    between: Array = np.interp(times, sample_times, values)
+    steps = np.diff(sample_times)
+    after = np.clip(np.searchsorted(sample_times, times), 1, len(steps))
+    between[steps[after - 1] > HOLE * np.median(steps)] = np.nan
+    return between

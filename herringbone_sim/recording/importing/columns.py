@@ -90,9 +90,23 @@ def _numbers(path: Path, name: str, values: Values) -> Values:
 _Found = tuple[dict[str, Read], dict[str, Values]]
 
 
-def _arrow(table: Any) -> dict[str, Read]:
+def _arrow(path: Path, table: Any) -> dict[str, Read]:
     """Return readers of the columns of an Arrow table."""
-    return {name: table.column(i).to_numpy for i, name in enumerate(table.column_names)}
+    return {name: partial(_of_arrow, path, table, name) for name in table.column_names}
+
+
+def _of_arrow(path: Path, table: Any, name: str) -> Values:
+    """Read a column, NaN if all its cells are empty; RecordingError if two have its name."""
+    count = table.column_names.count(name)
+    if count > 1:
+        raise RecordingError(
+            f"{path} must have one column {shown(name)}, got {count}: give them names of their own"
+        )
+    column = table.column(name)
+    if 0 < column.null_count == len(column):
+        return np.full(len(column), np.nan)
+    values: Values = column.to_numpy()
+    return values
 
 
 def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
@@ -108,12 +122,12 @@ def _csv(path: Path, options: Mapping[str, Any]) -> _Found:
         csv.ParseOptions(delimiter=options["delimiter"]),
         csv.ConvertOptions(decimal_point=options["decimal"]),
     )
-    return _arrow(table), {}
+    return _arrow(path, table), {}
 
 
 def _parquet(path: Path, _: Mapping[str, Any]) -> _Found:
     file = package("pyarrow.parquet", "pyarrow", "Parquet files").ParquetFile(path)
-    return _arrow(file.read()), {}
+    return _arrow(path, file.read()), {}
 
 
 def _mat(path: Path, _: Mapping[str, Any]) -> _Found:
@@ -145,7 +159,7 @@ def _of_hdf5(path: Path, matlab: bool) -> dict[str, Read]:
     readers: dict[str, Read] = {}
 
     def take(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+        if isinstance(item, h5py.Dataset) and item.shape is not None and name[:1] != "#":
             shape = item.shape[::-1] if matlab else item.shape  # MATLAB stores columns as rows
             shown_name = name.replace("/", ".") if matlab else name
             readers.update(

@@ -136,7 +136,8 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     path = folder / entry.text("path").replace("{run}", run)
     if not path.exists():
         raise entry.wrong("path", "a file beside the spec", str(path), "no such file")
-    by_suffix = next((k for k, ends in KINDS.items() if path.suffix.lower() in ends), None)
+    suffix = "" if path.is_dir() else path.suffix.lower()
+    by_suffix = next((k for k, ends in KINDS.items() if suffix in ends), None)
     kind = entry.choice("kind", tuple(KINDS), by_suffix)
     channels = entry.need("channels", "a mapping of channels to columns")
     if not isinstance(channels, dict) or not channels:
@@ -213,6 +214,10 @@ def _time(value: Any, where: str, kind: str) -> TimeSpec:
     named = ("column" in entry) + ("rate" in entry)
     if named > 1 or (named == 0 and not own):
         raise entry.wrong("", "a column or a rate, one of them", value)
+    for key, of in (("unit", "column"), ("start", "rate")):
+        if key in entry and of not in entry:
+            do = "write trigger_offset" if key == "start" else "leave it out"
+            raise entry.wrong(key, f"beside a {of}", entry.take(key), do)
     trigger = entry.quantity("trigger_offset", "s", 0.0)
     if "rate" in entry:
         rate = entry.quantity("rate", "Hz")

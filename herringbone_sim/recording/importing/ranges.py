@@ -50,7 +50,11 @@ def _speed(model: Model, times: Array, phase: Array) -> list[str]:
     """Return a sentence if the mesh frequency by phase differs from Omega by more than 5 %."""
     p = model.parameters
     nominal = p.Omega * (p.omega_n or model.scales.omega_n)
-    got = float((phase[-1] - phase[0]) / (times[-1] - times[0]))
+    known = np.flatnonzero(np.isfinite(phase))
+    if len(known) < 2:
+        return []
+    first, last = known[0], known[-1]
+    got = float((phase[last] - phase[first]) / (times[last] - times[first]))
     if abs(got / nominal - 1.0) < SPEED:
         return []
     return [

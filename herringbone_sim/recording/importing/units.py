@@ -63,6 +63,8 @@ def quantity(value: object, si: str) -> float:
         ValueError: anything else, or another dimension.
     """
     rule = number_of(si)
+    if isinstance(value, str) and "," in value:  # pint would drop it: 12,5 N were 125 N
+        raise ValueError(f"{rule}, got {shown(value)}: write a decimal point, no comma")
     if isinstance(value, str):
         return _converted(rule, value, si, lambda r: r.Quantity(1.0) * r.parse_expression(value))
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -92,7 +94,7 @@ def _converted(rule: str, text: str, si: str, read: Callable[[Any], Any]) -> flo
         raise ValueError(f"{rule}, got {shown(text)}: {error}; write the unit it has") from None
     except errors.OffsetUnitCalculusError:
         from_zero = False
-    except (AssertionError, ArithmeticError, AttributeError, ValueError, TokenError):
+    except (AssertionError, ArithmeticError, AttributeError, TypeError, ValueError, TokenError):
         # pint raises AttributeError for an unknown unit, the others for malformed texts.
         raise ValueError(f"{rule}, got {shown(text)}: mend it") from None
     if not from_zero:

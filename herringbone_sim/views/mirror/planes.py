@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,9 @@ class Planes:
         Note whether the parameter on the axis, in a new diagram the changed one, rises or falls.
         """
         now = {name: self._last_value(block, name) for name in STEERED}
-        known = {name: value for name, value in now.items() if value is not None}
+        known = {
+            name: value for name, value in now.items() if value is not None and isfinite(value)
+        }
         changed = [name for name, value in known.items() if self._before.get(name, value) != value]
         if changed and self.steered not in changed:
             self.steered = changed[0]
@@ -144,7 +147,7 @@ class Planes:
             self._frames.pop("bifurcation", None)
         if changed:
             self._rising = known[self.steered] > self._before[self.steered]
-        self._before = known
+        self._before |= known
 
     def _last_value(self, block: MirrorBlock, name: str) -> float | None:
         if name in block.names:
