@@ -14,6 +14,7 @@ from herringbone_sim.effects.gear import acting, laws
 from herringbone_sim.effects.lanes.batch import LaneStepper
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.slots import Slots
+from herringbone_sim.errors import ParameterError
 
 
 def assemble(model: Model, actives: Sequence[Active]) -> Model:
@@ -24,9 +25,10 @@ def assemble(model: Model, actives: Sequence[Active]) -> Model:
     slots then only give its period and the edges of events.
 
     Raises:
-        ParameterError: a locus that the gear lacks, or a mesh without the effect's member.
+        ParameterError: a locus that the gear lacks, a mesh without the effect's member, or twice
+            an effect that a gear takes once.
     """
-    chosen = acting(actives)
+    chosen = _acting(actives)
     if all(active.effect.fill is not None for active in chosen):
         in_core, bent_twice = _in_slots(model, chosen)
         if not bent_twice:
@@ -40,7 +42,7 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
     Batches of such gears run in lanes if the laws of at least one effect are written for lanes.
     ParameterError as ``assemble``.
     """
-    chosen = acting(actives)
+    chosen = _acting(actives)
     filled, _ = _in_slots(model, [active for active in chosen if active.effect.fill is not None])
     sizes = np.diff(laws(model, chosen).kernel.first)[: len(chosen)]
     return replace(
@@ -49,6 +51,20 @@ def by_laws(model: Model, actives: Sequence[Active]) -> Model:
         added_sizes=tuple(zip(_state_keys(chosen), map(int, sizes), strict=True)),
         integrator=LaneStepper if any(active.effect.lanes for active in chosen) else LawStepper,
     )
+
+
+def _acting(actives: Sequence[Active]) -> list[Active]:
+    """Return ``acting``; ParameterError if an effect that a gear takes once is there twice."""
+    chosen = acting(actives)
+    for active in chosen:
+        alike = [other.locus for other in chosen if other.effect.id == active.effect.id]
+        places = [f"{locus.mesh}/{locus.planet}/{locus.side}" for locus in alike]
+        if active.effect.once and len(places) > 1:
+            raise ParameterError(
+                f"{active.effect.id} must be at one place, got {' and '.join(places)}: its law "
+                "holds the bodies of that place alone; choose one place that has them all"
+            )
+    return chosen
 
 
 def _in_slots(model: Model, chosen: Sequence[Active]) -> tuple[Model, bool]:

@@ -134,6 +134,7 @@ class Effect:
         excite, react, drive: compiled laws, see ``effects.law``.
         last: whether ``excite`` acts after that of all other effects, in whatever order they are
             listed, as a loss of the whole stiffness does.
+        once: whether a gear takes it at one locus only, as its laws hold nothing but that.
         divisible: whether a part of the places in ``loci`` can be chosen; False if the laws act
             on the gear as a whole.
         lanes: whether the laws use the functions of ``core.lanes.vector``, by which they run in
@@ -162,6 +163,7 @@ class Effect:
     react: Any = no_react
     drive: Any = no_drive
     last: bool = False
+    once: bool = False
     divisible: bool = True
     lanes: bool = False
     states: Callable[[Model], int] = field(default=lambda model: 0)

@@ -17,6 +17,7 @@ from herringbone_sim.core.integrate import Block, State, Stepper
 from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.channels import channels_of, distort
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.gear import laws
@@ -129,6 +130,7 @@ class Sensors:
 def check_effects(model: Model, actives: Sequence[Active]) -> None:
     """Raise ParameterError for a place, member or channel of an effect that the gear lacks."""
     laws(model, actives)
+    assemble(model, actives)
     check_sensors(model.layout, actives)
 
 

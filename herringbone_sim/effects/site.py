@@ -6,7 +6,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import KINDS, Layout
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, mesh_phases
 from herringbone_sim.effects.effect import Option, Options, Parameter
 from herringbone_sim.errors import ParameterError
 
@@ -80,10 +80,11 @@ def revolutions(model: Model, mask: Array, options: Options) -> Array:
 
 
 def whole_cycles(model: Model, mask: Array, options: Options) -> Array:
-    """Return ``revolutions`` for a single tooth, its delay rounded to whole mesh cycles.
+    """Return ``revolutions`` for a single tooth, its delay in whole cycles of each mesh's k(t).
 
-    All meshes have the same phase, so a tooth enters every mesh at the same mesh phase.
+    A tooth enters every mesh at the same phase of that mesh, see ``core.model.mesh_phases``.
     """
     rows = revolutions(model, mask, options)
-    rows[2] = np.rint(rows[2])
+    ahead = mesh_phases(model.parameters) / (2.0 * np.pi)
+    rows[2] = np.rint(rows[2] + ahead) - ahead
     return rows

@@ -56,12 +56,14 @@ def parse_effect(text: str) -> Active:
     named_effect = effect(name.strip())
     lists = {o.name for o in named_effect.options if isinstance(o.start, tuple)}
     texts = {o.name for o in named_effect.options if isinstance(o.start, str)}
+    choices = {o.name: {str(c): c for c in o.choices} for o in named_effect.options}
     values: dict[str, Any] = {}
     for key, _, value in ((k.strip(), e, v.strip()) for k, e, v in pairs):
         if key in values:
             raise ParameterError(f"{shown(key)} of {named_effect.id} stands twice: leave one out")
-        single = value if key in texts else number(value)
-        names = tuple(value.split("+")) if value else ()
+        plain = value if key in texts else number(value)
+        single = choices.get(key, {}).get(value, plain)
+        names = tuple(part.strip() for part in value.split("+")) if value else ()
         values[key] = names if key in lists else single
     return active(named_effect, Locus(*parts), values)
 

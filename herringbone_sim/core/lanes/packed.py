@@ -22,6 +22,7 @@ Over 300 lines: the rows of the arrays stand beside the functions that fill them
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -35,8 +36,8 @@ from herringbone_sim.core.model import Model
 STIFFNESS, DAMPING, BORDER, E_MEAN = 0, 1, 2, 3
 SUN, PLANET, CARRIER = 4, 5, 6  # inverse masses times the planets and halves they stand for
 LOAD_Q, LOAD_R, CONTROL_Q, CONTROL_R = 7, 8, 9, 10
-CONTROL_ORDER, CONTROL_PHASE, OMEGA, STEP = 11, 12, 13, 14
-HARMONICS = 15  # then ORDER, K_COS, K_SIN, E_COS, E_SIN of each harmonic
+CONTROL_ORDER, CONTROL_PHASE, OMEGA, STEP, LONGEST = 11, 12, 13, 14, 15
+HARMONICS = 16  # then ORDER, K_COS, K_SIN, E_COS, E_SIN of each harmonic
 ORDER, K_COS, K_SIN, E_COS, E_SIN = range(5)
 # Behind the harmonics LOAD_ORDER, LOAD_COS, LOAD_SIN of each torque, by coordinate, and then
 # PERIOD, POSITION, WIDTH, EVENT_K, EVENT_D of each event.
@@ -51,6 +52,7 @@ PERIOD, POSITION, WIDTH, EVENT_K, EVENT_D = range(5)
 REFERENCE, EXPONENT, DAMPING_SHARE, POWER, DEPTH, OPEN, HALF, STIFF, ROUNDING = range(9)
 ROWS_OF_LAWS = 9
 ROWS_A_HARMONIC, ROWS_A_LOAD, ROWS_AN_EVENT = 5, 3, 5
+LEFT_OUT = 1e-8  # of the amplitude of what effects add, see ``_parts_of_step``
 NEVER = 1e300  # mesh cycles between the events of a model that has none
 
 # Rows of ``Work.mesh_state``: contact (1 drive, 0 separated, -1 back); x and its slope at the end
@@ -279,11 +281,31 @@ def _fill(row: Array, model: Model, sides: int) -> None:
     )
     row[CONTROL_ORDER], row[CONTROL_PHASE] = p.control_order, p.control_phase
     row[OMEGA], row[STEP] = p.Omega, 2 * np.pi / (p.Omega * model.parameters.steps)
+    row[LONGEST] = row[STEP] / _parts_of_step(model)
     for j, order in enumerate(p.orders):
         harmonic = row[HARMONICS + ROWS_A_HARMONIC * j :]
         harmonic[ORDER] = order
         harmonic[K_COS], harmonic[K_SIN] = p.k_cos[j, meshes], p.k_sin[j, meshes]
         harmonic[E_COS], harmonic[E_SIN] = p.e_cos[j, meshes], p.e_sin[j, meshes]
+
+
+def _parts_of_step(model: Model) -> int:
+    """Return the number of intervals into which the fastest of what effects add divides a step.
+
+    ``Parameters.steps`` knows the gear without effects. Effects add harmonics of other orders,
+    windows of some width and seats that vibrate. In an interval in which one of them turns by z
+    rad, the first term that a series of order n leaves out is z^(n + 1) / (n + 1)! of it; it
+    stays below ``LEFT_OUT``.
+    """
+    p, n = model.packed, model.parameters.order
+    acts = np.any([p.k_cos, p.k_sin, p.e_cos, p.e_sin], axis=(0, 2))
+    orders = [*p.orders[acts], *p.load_orders, *(1.0 / p.events[:, 2])]
+    added = slice(model.layout.n_coordinate, -1), slice(model.layout.n_mesh, None)
+    squares = -np.diagonal(p.push[0][added]) * p.seat[:, 0]
+    fastest = max(p.Omega * max(orders, default=0.0), np.sqrt(np.max(squares, initial=0.0)))
+    z = fastest * 2.0 * np.pi / (p.Omega * model.parameters.steps)
+    longest = (LEFT_OUT * math.factorial(n + 1)) ** (1.0 / (n + 1))
+    return max(1, math.ceil(float(z) / longest))
 
 
 def _meshes(model: Model, sides: int) -> Indices:

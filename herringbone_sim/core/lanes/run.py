@@ -33,6 +33,7 @@ from herringbone_sim.core.lanes.packed import (
     HARMONICS,
     LEFT,
     LOAD_ORDER,
+    LONGEST,
     MOVE,
     OMEGA,
     ORDER,
@@ -87,7 +88,8 @@ class Results(NamedTuple):
 def begin_steps(w, index, steps):
     """Set the start phase and the length of the next interval of each lane (PHASE, LEFT, SHARE).
 
-    It ends with the grid step, or at the next edge of an event.
+    It ends with the grid step, at the next edge of an event, or when it is as long as series of
+    what effects add allow (LONGEST).
     """
     for lane in range(n_lanes(w.progress)):
         put(
@@ -98,7 +100,8 @@ def begin_steps(w, index, steps):
             TWO_PI * (index[lane] + get(w.progress, DONE, 0, lane)) / steps[lane],
         )
     left = load(w.constants, STEP, 0) * (1.0 - load(w.progress, DONE, 0))
-    part = left
+    longest = load(w.constants, LONGEST, 0)
+    part = choose(left < longest * (1.0 + ON_EDGE), left, longest)
     for j in range(w.sizes[2]):
         part = least(part, time_to_edge(w, event_row(w, j)))
     store(w.progress, LEFT, 0, part)

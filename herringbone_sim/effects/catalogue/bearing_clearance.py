@@ -182,6 +182,7 @@ EFFECT = Effect(
         Parameter("softness", "-", "rounding over clearance", 0.0, 1.0, 0.0, neutral=None),
     ),
     loci=(("all", "*", "all"), ("all", "*", "*")),
+    once=True,
     place=place,
     fill=fill,
     excite=excite,
