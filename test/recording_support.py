@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
 
 from herringbone_sim.recording.messages import encode_samples, encode_string
 from herringbone_sim.recording.schemas import FLOAT64_MULTI_ARRAY, STRING
@@ -91,3 +94,23 @@ def write_message(writer: RunWriter, message: bytes, t_s: float, n: int) -> None
     """Write a message as if it held n samples from t_s [s] on, which the writer never does."""
     writer._write(SAMPLES, t_s, message, None)
     writer._counts[-1].add(n, t_s, t_s)
+
+
+def write_bag(path: Path, *topics: tuple[str, str, NDArray[np.float64]]) -> None:
+    """A bag of (topic, label of the channels, rows), a message each."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    block, layout, axis = (
+        store.types[f"std_msgs/msg/{name}"]
+        for name in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
+    )
+    with BagWriter(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            name: writer.add_connection(name, block.__msgtype__, typestore=store)
+            for name in dict.fromkeys(name for name, *_ in topics)
+        }
+        for name, label, rows in topics:
+            n, k = rows.shape
+            axes = [axis("sample", n, n * k), axis(label, k, k)]
+            message = block(layout(axes, 0), rows.ravel())
+            data = store.serialize_cdr(message, block.__msgtype__)
+            writer.write(connections[name], 1, data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from herringbone_sim.recording.messages import (
     decode_samples,
     decode_string,
 )
+from herringbone_sim.recording.other_rates import OtherSamples
 from herringbone_sim.recording.raw import (
     ParameterChange,
     RawRecording,
@@ -48,6 +50,12 @@ def is_samples(topic: Topic) -> bool:
     """Whether a topic is the ``samples`` topic of any node."""
     last, kind = (text.rpartition("/")[2] for text in (topic.name, topic.type_name))
     return (last, kind) == ("samples", "Float64MultiArray")
+
+
+def is_of_another_rate(topic: Topic) -> bool:
+    """Whether a topic has samples of sensors with a rate of their own, as ``samples_torque``."""
+    last, kind = (text.rpartition("/")[2] for text in (topic.name, topic.type_name))
+    return last.startswith("samples_") and kind == "Float64MultiArray"
 
 
 def iter_sample_blocks(path: Path | str) -> Iterator[tuple[tuple[str, ...], Array]]:
@@ -127,6 +135,7 @@ class _Loading:
         self._counts: list[int | None] = []
         # All rows in one growing buffer, so that no chunk stays in memory.
         self._content = bytearray()
+        self._others: dict[str, tuple[_Samples, bytearray]] = {}
 
     def take_file(self, file: Path) -> None:
         """Read all messages of the next file."""
@@ -136,7 +145,11 @@ class _Loading:
             self.n_messages += 1
             last = message.topic.name.rpartition("/")[2]
             if is_samples(message.topic):
-                self._take_rows(self.samples.decode(message)[1])
+                self._take_rows(self.samples, self._content, message)
+            elif is_of_another_rate(message.topic):
+                fresh = _Samples(self.raw.path), bytearray()
+                of_topic = self._others.setdefault(message.topic.name, fresh)
+                self._guarded(partial(self._take_rows, *of_topic), message)
             elif last == "channels" and not has_channels:
                 has_channels = True
                 self._guarded(self._take_channels, message)
@@ -153,18 +166,29 @@ class _Loading:
         if not self._content:
             raise RecordingError(no_samples_message(raw, self._topics))
         raw.names = names
-        raw.rows = np.frombuffer(self._content, dtype=np.float64).reshape(-1, len(names))
+        raw.rows = _rows(self.samples, self._content)
+        raw.others = tuple(
+            OtherSamples(topic, samples.names, _rows(samples, content))
+            for topic, (samples, content) in self._others.items()
+            if content
+        )
+        raw.notes += [
+            f"{listed(other.names)} of {other.topic} have a rate of their own: {len(other.rows)} "
+            "readings, put beside the samples of their time where the run is read"
+            for other in raw.others
+        ]
         raw.changes = tuple(self.changes)
         counts = [count for count in self._counts if count is not None]
         raw.counted = sum(counts) if len(counts) == len(self._counts) else None
         raw.notes += content_notes(raw)
         return raw
 
-    def _take_rows(self, rows: Array) -> None:
-        """Append samples (n, c) to the buffer."""
+    def _take_rows(self, samples: _Samples, content: bytearray, scanned: ScannedMessage) -> None:
+        """Append the samples (n, c) of a message to the buffer of its topic."""
+        rows = samples.decode(scanned)[1]
         n, c = rows.shape
         self._take_memory(n * (c + _COLUMNS_AT_WORK) * rows.itemsize)
-        self._content += np.ascontiguousarray(rows).data.cast("B") if n else b""
+        content += np.ascontiguousarray(rows).data.cast("B") if n else b""
 
     def _take_memory(self, size: int) -> None:
         """Subtract bytes from what is left of the memory limit; RecordingError below zero."""
@@ -211,6 +235,11 @@ class _Loading:
         raw.recovered |= "recovered" in record
         count = record.get("samples_written", "")
         self._counts.append(int(count) if _COUNT.fullmatch(count) else None)
+
+
+def _rows(samples: _Samples, content: bytearray) -> Array:
+    """Return the rows (n, c) in a buffer."""
+    return np.frombuffer(content, dtype=np.float64).reshape(-1, len(samples.names))
 
 
 def load(path: Path | str, most_bytes: int | None = None) -> RawRecording:

@@ -13,6 +13,7 @@ from herringbone_sim.errors import listed
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.gaps import gap_notes
 from herringbone_sim.recording.messages import Value
+from herringbone_sim.recording.other_rates import OtherSamples
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class RawRecording:
     Attributes:
         names: c channel names.
         rows: (n, c) samples.
+        others: samples of sensors with rates of their own, by topic.
         complete: whether every file exists and was finished.
         missing_files: names of files that ``metadata.yaml`` lists and that do not exist.
         recovered: whether a file was rebuilt after it had been cut off.
@@ -51,6 +53,7 @@ class RawRecording:
     name: str
     names: tuple[str, ...] = ()
     rows: Array = field(default_factory=lambda: np.empty((0, 0)))
+    others: tuple[OtherSamples, ...] = ()
     channels: Channels = field(default_factory=Channels)
     changes: tuple[ParameterChange, ...] = ()
     complete: bool = True

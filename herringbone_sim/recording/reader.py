@@ -12,6 +12,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.load import iter_sample_blocks, load
+from herringbone_sim.recording.other_rates import beside
 from herringbone_sim.recording.raw import ParameterChange
 
 __all__ = ["ParameterChange", "Recording", "first_jump", "iter_sample_blocks", "read_recording"]
@@ -70,6 +71,9 @@ def read_recording(
 ) -> Recording:
     """Read a run folder or a .mcap file, written by this package or by a rig.
 
+    Channels of topics such as ``samples_torque``, of another rate, stand beside the samples of
+    their time, see ``other_rates``.
+
     Args:
         path: run folder or .mcap file.
         cut_at_jump: if time does not increase throughout, return the longest stretch over which
@@ -101,9 +105,9 @@ def read_recording(
             f"{where} are left out"
         )
         times, rows = times[stretch], rows[stretch]
-    samples = TimeSeries(times, rows, raw.names)
-    notes = tuple(raw.notes)
+    samples, notes = beside(TimeSeries(times, rows, raw.names), raw.others)
+    notes = [*raw.notes, *notes]
     at = None if jump is None else before
     return Recording(
-        raw.path, raw.name, samples, raw.channels, raw.changes, raw.complete, notes, at
+        raw.path, raw.name, samples, raw.channels, raw.changes, raw.complete, tuple(notes), at
     )

@@ -9,8 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import yaml
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from recording_support import write_bag
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.arrays import Array
@@ -54,22 +53,6 @@ def imported(spec: Path) -> tuple[ImportedRun, TimeSeries]:
     out = spec.parent / "out"
     (run,) = import_campaign(read_spec(spec), out)
     return run, read_recording(out / run.name).samples
-
-
-def write_bag(path: Path, *topics: tuple[str, str, Array]) -> None:
-    """A bag of (topic, label of the channels, rows), a message each."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    block, layout, axis = (
-        store.types[f"std_msgs/msg/{name}"]
-        for name in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
-    )
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for name, label, rows in topics:
-            connection = writer.add_connection(name, block.__msgtype__, typestore=store)
-            n, k = rows.shape
-            axes = [axis("sample", n, n * k), axis(label, k, k)]
-            message = block(layout(axes, 0), rows.ravel())
-            writer.write(connection, 1, store.serialize_cdr(message, block.__msgtype__))
 
 
 @pytest.mark.parametrize(

@@ -305,7 +305,8 @@ def _parts_of_step(model: Model) -> int:
     fastest = max(p.Omega * max(orders, default=0.0), np.sqrt(np.max(squares, initial=0.0)))
     z = fastest * 2.0 * np.pi / (p.Omega * model.parameters.steps)
     longest = (LEFT_OUT * math.factorial(n + 1)) ** (1.0 / (n + 1))
-    return max(1, math.ceil(float(z) / longest))
+    parts: int = max(1, math.ceil(z / longest))
+    return parts
 
 
 def _meshes(model: Model, sides: int) -> Indices:
