@@ -423,7 +423,7 @@ def _predictable_remainder(
             parallel_map(residual_without_nuisance, by_run),
             [machine.regression_inputs(o, r, b) for r, b in enumerate(by_run)],
             numbers,
-            by_run[0].independent_share,
+            np.array([b.independent_share for b in by_run]),
         )
     return result
 

@@ -63,18 +63,18 @@ class Predictable:
         chi2: (runs, R) chi2 of the rows.
         left: (runs, R) chi2 after subtracting the prediction; may exceed ``chi2``.
         count: (runs, R) number of values used; 0 where a row is not recorded.
-        weight: number of independent values that each value used stands for.
+        weight: number of independent values that each value used stands for, (runs, 1) or of all.
     """
 
     chi2: Array
     left: Array
     count: Array
-    weight: float = 1.0
+    weight: Array | float = 1.0
 
     @property
     def predicted(self) -> float:
         """Predicted chi2 of all rows and all independent values, at least 0."""
-        return self.weight * max(0.0, float((self.chi2 - self.left).sum()))
+        return max(0.0, float((self.weight * (self.chi2 - self.left)).sum()))
 
     def with_noise_scaled(self, noise: Array) -> Predictable:
         """Copy for a noise larger by the factor ``noise`` (runs, R)."""
@@ -120,7 +120,7 @@ def predict_residuals(
     residuals: Sequence[Array],
     inputs: Sequence[RegressionInputs],
     blocks: Sequence[Indices],
-    independent_share: float = 1.0,
+    independent_share: Array | float = 1.0,
 ) -> Predictable:
     """Predict whitened residuals by cross-validated regression.
 
@@ -129,7 +129,8 @@ def predict_residuals(
         inputs: for each run.
         blocks: (n,) number of the block of cycles of each sample, for each run. Even and odd
             blocks predict each other.
-        independent_share: number of independent values over the number of samples.
+        independent_share: number of independent values over the number of samples, (runs,) or of
+            all.
     """
     first = inputs[0]
     features = _random_features(
@@ -174,7 +175,8 @@ def predict_residuals(
 
     parallel_map(predict_row, range(R))
     count = np.bincount(of_run, minlength=runs)[:, None] * (chi2 > 0.0)
-    return Predictable(chi2, left, count.astype(float), thin * independent_share)
+    weight = thin * np.broadcast_to(independent_share, runs)[:, None]
+    return Predictable(chi2, left, count.astype(float), weight)
 
 
 def _waves_of_turns(angles: Array) -> Array:

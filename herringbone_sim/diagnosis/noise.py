@@ -43,8 +43,9 @@ def offset_sds(
         at = [r for r, b in enumerate(blocks) if o in b]
         means, variances = np.stack([_means(blocks[r][o]) for r in at], axis=1)
         factor = np.mean(noise[o][at] ** 2, axis=0) if noise and o in noise else 1.0
-        values = float(np.mean([len(blocks[r][o].residual) for r in at]))
-        values *= blocks[at[0]][o].independent_share
+        values = float(
+            np.mean([len(b.residual) * b.independent_share for b in (blocks[r][o] for r in at)])
+        )
         recorded = np.isfinite(means)
         runs = np.maximum(recorded.sum(axis=0), 1)
         means, variances = np.where(recorded, means, 0.0), np.where(recorded, variances, 0.0)

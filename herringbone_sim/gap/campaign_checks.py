@@ -147,7 +147,7 @@ def _other_operating_point(run: PreparedRun) -> list[Finding]:
     findings = []
     for name, values in run.recorded_point.items():
         stated = run.point[name]
-        away = ~(np.abs(values - stated) <= 1e-3 * max(abs(stated), 1.0))
+        away = np.isfinite(values) & ~(np.abs(values - stated) <= 1e-3 * max(abs(stated), 1.0))
         if away.any():
             at = int(away.argmax())
             text = (

@@ -116,7 +116,7 @@ def _last_cycles(run: PreparedRun) -> int:
 
 def _turns(run: PreparedRun) -> Array:
     """Mesh phase (n,) of the motion that the channels show at each sample, in mesh cycles."""
-    return np.asarray((run.phase - run.delay_rad) / (2.0 * np.pi), dtype=np.float64)
+    return np.asarray(run.gear_phase / (2.0 * np.pi), dtype=np.float64)
 
 
 def _planes(

@@ -56,9 +56,9 @@ def fused_run(run: PreparedRun, fused: Fused) -> FusedRun:
 
 
 def instants(run: PreparedRun) -> Array:
-    """(n, 5) phase [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m], K at the samples."""
+    """(n, 5) phase of the gear [rad], mesh frequency [rad/s], delta_T [K], T_1 [N m] and K."""
     p = run.model.parameters
-    columns = (run.phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
+    columns = (run.gear_phase, run.omega_rad_per_s, p.delta_T, p.T_1, p.K)
     now = np.stack([np.broadcast_to(column, run.phase.shape) for column in columns], axis=1)
     return np.ascontiguousarray(now, dtype=float)
 
@@ -126,7 +126,7 @@ def force_function_with_effects(
         at = np.linspace(0.0, len(case.run) - 1.0, len(phase))
         index = np.arange(len(case.run))
         now = case.now[np.minimum(np.rint(at).astype(int), len(case.run) - 1)].copy()
-        now[:, 0] = phase
+        now[:, 0] = phase - case.run.delay_rad
         w = case.run.waves_at(phase)
         _, _, e = by_mesh(factors, deflection.shape[1])
         measured = np.stack([np.interp(at, index, f) for f in case.run.F.values.T], axis=1)
@@ -153,9 +153,6 @@ def _contributions(
     case: FusedRun, factors: Array, motion: Motion, actives: Sequence[Active]
 ) -> tuple[Array, Array]:
     """Mesh forces and body torques by the effects at a motion, see ``effect_contributions``.
-
-    The laws with and without effects have the same k(t), that of the simulation at the recorded
-    phase, without the common delay of the channels: its effect on the difference is neglected.
 
     Args:
         case: run with its fused motion.

@@ -10,6 +10,10 @@ from herringbone_sim.core.mirror import has_equal_planets
 from herringbone_sim.gap.attribution.effect_forces import FusedRun
 
 FULL, NO_FORCE, FEW, NOTHING = "full", "no_force", "few", "nothing"
+FEW_NEED_THREE_PLANETS = (
+    "few sensors are diagnosed by windows of the motion, which are made for three planets: of a "
+    "gear with another number record x, v and F of a mesh, or the rates of all meshes"
+)
 
 
 def channel_set(cases: Sequence[FusedRun]) -> str:
@@ -68,6 +72,8 @@ def undecidable_by_channels(cases: Sequence[FusedRun]) -> list[str]:
 
 def _limits_of_few(cases: Sequence[FusedRun]) -> list[str]:
     """Sentences on the limits of runs with the class ``few`` of channels."""
+    if cases[0].run.model.parameters.n_planets != 3:
+        return [FEW_NEED_THREE_PLANETS]
     if not all(c.run.shafts_known for c in cases):
         return [
             "neither the force of a mesh beside its displacement nor the motion of both suns and "

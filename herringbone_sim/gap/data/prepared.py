@@ -115,8 +115,13 @@ class PreparedRun:
         measured: Measured = getattr(self, quantity)
         return self.with_measured(quantity, measured.without(off))
 
+    @property
+    def gear_phase(self) -> Array:
+        """Mesh phase (n,) [rad] of the motion that the channels show: ``delay_rad`` earlier."""
+        return self.phase - self.delay_rad
+
     def waves_at(self, phase: Array) -> Waves:
-        """Nominal waves at mesh phases (n,) [rad], with ``delay_rad`` and ``e_share``."""
+        """Nominal waves at recorded mesh phases (n,) [rad], with ``delay_rad`` and ``e_share``."""
         return waves(self.model, phase - self.delay_rad, self.omega_rad_per_s, self.e_share)
 
     @property

@@ -174,7 +174,7 @@ class GearObservations(RecordedGear):
     def _balances(self) -> list[Block]:
         """Balances if all forces are recorded; only columns on the carrier depend on the law."""
         if not self._measured_balances:
-            self._measured_balances += [
+            self._measured_balances[:] = [  # threads may form them side by side
                 self._balance(r, g, law(g.motion), self.law_functions)
                 for r, g in enumerate(self.runs)
             ]

@@ -129,7 +129,7 @@ def reconstructed_forces(
         run.model.layout.meshes,
         planets_indistinguishable([fused_run(run, gear.runs[0].fused)]),
         run.times[first : first + len(whole)],
-        m.phase[at],
+        m.phase[at] + run.delay_rad,
         now.force[at],
         HALF_90 * np.sqrt(variance),
         touch[at],

@@ -20,6 +20,7 @@ from herringbone_sim.gap.observations import consistency, force_law, torque_bala
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.windows import trajectory
 from herringbone_sim.gap.observations.windows.channels import WindowChannels, window_channels
+from herringbone_sim.gap.observations.windows.integrator import BODIES
 from herringbone_sim.gap.observations.windows.memory import StateMemory
 from herringbone_sim.gap.observations.windows.sensor_errors import SWAP_PREFIX
 from herringbone_sim.gap.observations.windows.trajectory import Trajectory
@@ -99,9 +100,7 @@ class RecordedGear:
 
     def has_balance_of(self, r: int) -> bool:
         """Whether the channels of run r allow the torque balance."""
-        g = self.runs[r]
-        forces = self.modelled | np.isfinite(g.motion.F).all(axis=0)
-        return bool(forces.all() and np.isfinite(g.fused.z_rate).all())
+        return self._is_balanced(self.runs[r])
 
     def has_windows_of(self, r: int) -> bool:
         """Whether windows are fitted to run r."""
@@ -114,17 +113,20 @@ class RecordedGear:
 
     @cached_property
     def has_balance(self) -> bool:
-        """Whether the balance is formed: rates of all coordinates are known in all runs.
+        """Whether the balance is formed: in all runs rates of all coordinates are known, and of
+        each mesh the force, or x for the force law.
 
         Not where rotations alone are recorded: their differences are mostly noise, and windows
         need none.
         """
         rotations = all(g.run.rotations_alone for g in self.runs)
-        return (
-            self.means_known
-            and not rotations
-            and all(bool(np.isfinite(g.fused.z_rate).all()) for g in self.runs)
-        )
+        return self.means_known and not rotations and all(map(self._is_balanced, self.runs))
+
+    def _is_balanced(self, g: GearRun) -> bool:
+        """Whether a run has all rates and, of each mesh, the force or x for the law."""
+        x, F = (np.isfinite(a).all(axis=0) for a in (g.motion.x, g.motion.F))
+        known = np.where(self.modelled, x, F)
+        return bool(known.all() and np.isfinite(g.fused.z_rate).all())
 
     @cached_property
     def has_force_law(self) -> bool:
@@ -138,9 +140,13 @@ class RecordedGear:
 
     @cached_property
     def uses_windows(self) -> bool:
-        """Whether trajectories are fitted: where neither force law nor balance is formed."""
+        """Whether trajectories are fitted: where neither force law nor balance is formed.
+
+        They know gears of three planets only.
+        """
         few = not self.has_force_law and not self.has_balance
-        return few and all(g.run.shafts_known for g in self.runs)
+        three = len(self.model.layout.bodies) == BODIES
+        return few and three and all(g.run.shafts_known for g in self.runs)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -155,8 +161,8 @@ class RecordedGear:
 
     @cached_property
     def followed_channels(self) -> WindowChannels:
-        """Channels to which windows are fitted, as recorded in the first run."""
-        return window_channels(self.runs[0].run)
+        """Channels to which windows are fitted, as in the run with most of them."""
+        return max((window_channels(g.run) for g in self.runs), key=lambda c: len(c.names))
 
     @property
     def gauges(self) -> tuple[str, ...]:

@@ -112,7 +112,8 @@ def block(
     load = load_accelerations(run)
     parts = np.stack([average @ A[i].T + window.average(load[i]) for i in range(3)])
     measured = window.derivative(g.fused.z_rate)
-    noise_f = np.where(modelled, np.sqrt(np.mean(law.sigma**2, axis=0)), m.sigma_F)
+    of_law = np.mean(law.sigma**2, axis=0) - np.nan_to_num(m.sigma_F) ** 2  # no force is used
+    noise_f = np.where(modelled, np.sqrt(np.maximum(of_law, 0.0)), m.sigma_F)
     of_force = (whole**2) @ (noise_f**2) * np.sum(window.mean**2)
     of_rate = np.diag(g.fused.z_rate_cov) * np.sum(window.slope**2)
     variance = of_force + of_rate

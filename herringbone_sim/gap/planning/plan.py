@@ -24,6 +24,7 @@ from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
 from herringbone_sim.errors import AnalysisError
+from herringbone_sim.gap.attribution.undecidable_by_channels import FEW_NEED_THREE_PLANETS
 from herringbone_sim.gap.named_effects import moderate_size
 from herringbone_sim.gap.observations.force_law import cycles_per_member_turn
 from herringbone_sim.gap.observations.gear import GearObservations
@@ -136,6 +137,8 @@ def plan(
         runs = tuple(map(without_detrended, runs))
     machine = GearMachine(GearObservations(runs, stride=STRIDE))
     if not machine.gear.observation_names:
+        if nominal.n_planets != 3:
+            raise AnalysisError(f"{FEW_NEED_THREE_PLANETS}; got {', '.join(sensors)}")
         raise AnalysisError(
             "sensors must allow a diagnosis one observation at least, got none: measure rotations "
             f"or accelerations of both suns and the carrier, got {', '.join(sensors)}"

@@ -30,14 +30,14 @@ class MeshMotion:
 
     Attributes:
         name: name of the run.
-        phase, times: (n,) mesh phase [rad], time [s].
+        phase, times: (n,) mesh phase of the gear [rad], see ``PreparedRun.gear_phase``; time [s].
         omega: mesh frequency [rad/s].
         point: delta_T [K], K, T_1 [N m], Omega.
         x, v: displacement [m] and rate [m/s] relative to the nominal e(t).
         F: measured force [N], NaN where not recorded.
         sigma_x, sigma_v, sigma_F: (n_mesh,) noise of x, v, F; of x also (n, n_mesh).
         k, e, e_rate: nominal waves [N/m], [m], [m/s].
-        waves_at: nominal waves at any phases (n,).
+        waves_at: nominal waves at any phases (n,) of the gear.
         k_m, c, b: (n_mesh,) mean stiffness [N/m], damping [N s/m], half-backlash [m].
         filtered: (filters, n, n_mesh) change of the force by common filters [N], see
             ``common_filter``; None where unknown.
@@ -71,7 +71,7 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
     at = slice(None, None, stride)
     return MeshMotion(
         name=run.name,
-        phase=run.phase[at],
+        phase=run.gear_phase[at],
         times=run.times[at],
         omega=run.omega_rad_per_s,
         point=dict(run.point),
@@ -84,7 +84,7 @@ def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
         k=run.waves.k[at],
         e=run.waves.e[at],
         e_rate=run.waves.e_rate[at],
-        waves_at=run.waves_at,
+        waves_at=replace(run, delay_rad=0.0).waves_at,
         k_m=mean_stiffness(run.model.parameters),
         c=run.model.damping_n_s_per_m,
         b=run.model.half_backlash_m,

@@ -243,7 +243,7 @@ def control_wave(model: Model, phase: Array, late_rad: float = 0.0) -> Array:
 
 def control_acceleration(run: PreparedRun, late_rad: float = 0.0) -> Array:
     """Acceleration (n,) [m/s^2] by the control along ``control_directions``."""
-    s, wave = run.model.scales, control_wave(run.model, run.phase - run.delay_rad, late_rad)
+    s, wave = run.model.scales, control_wave(run.model, run.gear_phase, late_rad)
     return np.asarray(-run.model.packed.K * s.b_c * s.omega_n**2 * wave)
 
 

@@ -29,7 +29,7 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     if no permitted delay explains most of their difference, the runs are returned unchanged.
     """
     known = [run for run in deciding(runs) if run.u.complete and run.x.recorded.any()]
-    ratios = [(run, s) for run in known for s in (_e_ratio(run),) if s.size]
+    ratios = [(run, s) for run in known for s in (e_ratio(run),) if s.size]
     if not ratios:
         return tuple(runs)
     omegas = np.array([run.omega_rad_per_s for run, _ in ratios])
@@ -54,15 +54,18 @@ def compensate_filter(runs: Sequence[PreparedRun]) -> tuple[PreparedRun, ...]:
     )
 
 
-def _e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
+def e_ratio(run: PreparedRun) -> NDArray[np.complex128]:
     """Return the component of D B u - x at the mesh frequency over that of the nominal e(t).
 
-    Complex (k,), for the k recorded x with an e(t) that varies; 1 without filter.
+    Complex (k,), for the k recorded x whose e(t) has a first harmonic; 1 without filter.
     """
     through = bodies_to_meshes(run.model)
     e = (run.u.values @ through.T - run.x.values)[:, run.x.recorded]
     nominal = run.waves.e[:, run.x.recorded]
-    varies = np.ptp(nominal, axis=0) > 0.0
+    p = run.model.packed
+    first = p.orders == 1.0
+    amplitude = np.abs(p.e_cos[first]) + np.abs(p.e_sin[first])
+    varies = amplitude.sum(axis=0)[run.x.recorded] > 0.0
     e, nominal = e[:, varies], nominal[:, varies]
     wave = np.exp(-1j * run.phase)
     return np.asarray(wave @ (e - e.mean(axis=0)) / (wave @ (nominal - nominal.mean(axis=0))))

@@ -24,6 +24,7 @@ from herringbone_sim.gap.observations.windows.trajectory import Trajectory
 from herringbone_sim.gap.sensors.filter_delay import (
     MOST_UNEXPLAINED,
     compensate_filter,
+    e_ratio,
     longest_delay,
     with_delayed_waves,
 )
@@ -42,14 +43,15 @@ def remove_common_delay(
 ) -> tuple[PreparedRun, ...]:
     """Return the runs with k(t) and e(t) delayed like the channels; unchanged without a delay.
 
-    ``compensate_filter`` estimates the delay if a fit run has displacements and all rotations.
+    ``compensate_filter`` estimates the delay if a fit run has displacements whose e(t) has a first
+    harmonic, and all rotations.
 
     Args:
         runs: of one rig; those of the role ``fit`` decide.
         gain_tolerance: (n_mesh,) of force sensors; empty: none.
     """
     fit = deciding(runs)
-    if any(run.u.complete and run.x.recorded.any() for run in fit):
+    if any(run.u.complete and e_ratio(run).size for run in fit):
         return compensate_filter(runs)
     stretches = [_stretch(run) for run in _showing_delay(fit, N_STRETCHES)]
     gear = GearObservations(stretches)

@@ -80,7 +80,7 @@ def without_encoder_errors(
         if not _has_either_u_or_x(run):
             return run, True
         of_bodies = bodies_to_meshes(gear.model)
-        waves = _waves(run, motion.phase)
+        waves = _waves(run, motion.phase + run.delay_rad)
         now = before = block(motion, r)
         errors = np.zeros(2 * of_bodies.shape[1])
         moved = np.zeros_like(motion.x)

@@ -114,7 +114,7 @@ def body_forces(
             yield BodyForce(name, drive, trig(int(words[0]) * m.phase / turn))
         elif name in torque_balance.CONTROL:
             late_rad = 0.5 * np.pi * torque_balance.CONTROL.index(name)
-            yield BodyForce(name, carrier, control_force(model, m.phase - run.delay_rad, late_rad))
+            yield BodyForce(name, carrier, control_force(model, m.phase, late_rad))
         elif name in of_carrier:
             yield BodyForce(name, carrier, of_carrier[name].values(m, now()))
 

@@ -104,16 +104,17 @@ class ForcedWindows:
         )
 
     def motion(self, states: Array, phase: Array) -> MeshMotion:
-        """Mesh motion at states (n, 18) and mesh phases (n,) [rad], without forces and noise."""
+        """Mesh motion at states (n, 18) and recorded phases (n,) [rad], without forces, noise."""
         s, m = self.windows, self.model
-        waves_at = replace(s.run, e_share=1.0).waves_at  # see ``_nominal``
-        w = waves_at(phase)
+        waves_at = replace(s.run, e_share=1.0, delay_rad=0.0).waves_at  # see ``_nominal``
+        late = phase - s.run.delay_rad
+        w = waves_at(late)
         half = STATES // 2
         n, meshes = len(states), m.layout.n_mesh
         nothing = np.zeros(meshes)
         return MeshMotion(
             s.run.name,
-            phase,
+            late,
             (phase - s.run.phase[0]) / s.run.omega_rad_per_s,
             s.run.omega_rad_per_s,
             dict(s.run.point),
