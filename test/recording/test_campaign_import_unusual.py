@@ -22,6 +22,7 @@ from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.recording.importing.units import factor, quantity
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.views.mirror.block import contact_states
 
 POINT = {"delta_T": 20.0, "K": 0.0, "T_1": 220.0, "Omega": 1.0}
 OMEGA = build(Parameters(model="full", **POINT)).scales.omega_n
@@ -166,3 +167,37 @@ def test_a_run_with_gaps_in_its_temperature_is_shown(tmp_path: Path) -> None:
     writer.close()
     saved = tmp_path / "a.rrd"
     assert main(["show", str(tmp_path / "run"), "--save", str(saved), "--burst", "2"]) == 0
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.5])
+def test_a_wrapped_encoder_behind_a_gear_is_unwrapped_before_its_scale(
+    tmp_path: Path, scale: float
+) -> None:
+    """An encoder in degrees that turns faster or slower than the carrier."""
+    carrier = np.linspace(0.0, 28.0, 480)  # rad
+    degrees = np.mod(np.degrees(carrier / scale), 360.0)
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES, angle=degrees)
+    column = {"column": "angle", "unit": "deg", "scale": scale}
+    _, series = imported(write_spec(tmp_path, entry("a.csv", phase=PHASE, angle_c=column)))
+    assert np.abs(series["u_c"]).max() < 1e-9
+
+
+def test_a_wrapped_counter_is_unwrapped_after_its_scale(tmp_path: Path) -> None:
+    counts = np.mod(np.linspace(0.0, 28.0, 480) * 4096.0 / (2.0 * np.pi), 4096.0)
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES, angle=counts)
+    column = {"column": "angle", "unit": "rad", "scale": 2.0 * np.pi / 4096.0}
+    _, series = imported(write_spec(tmp_path, entry("a.csv", phase=PHASE, angle_c=column)))
+    assert np.abs(series["u_c"]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["import.html", "campaign.yaml", "nominal.yaml"])
+def test_a_run_has_no_name_of_a_file_of_the_campaign(tmp_path: Path, name: str) -> None:
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES)
+    spec = write_spec(tmp_path, entry("a.csv", phase=PHASE))
+    spec.write_text(spec.read_text().replace("run_00", name))
+    with pytest.raises(RecordingError, match="none of the files of a campaign"):
+        read_spec(spec)
+
+
+def test_what_is_not_recorded_is_no_contact_and_no_separation() -> None:
+    assert contact_states(np.array([2.0, np.nan, -2.0, 0.0]), 1.0).tolist() == [0, 3, 2, 1]

@@ -12,6 +12,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.importing.columns import Columns
 from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
+from herringbone_sim.recording.importing.turns import unwrapped
 
 # Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
 # shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
@@ -78,6 +79,9 @@ def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -
                 f"column {channel.column!r} of {file.path} must have as many rows as its clock, "
                 f"got {len(raw)} and {len(times)}: give it an entry of files of its own"
             )
+        if channel.turn and np.nanmax(raw) - np.nanmin(raw) <= channel.turn:
+            per_rad = channel.turn / (2.0 * np.pi)
+            raw = per_rad * unwrapped(raw / per_rad)  # a scale is of the shaft, not of its turns
         group[1][channel.name] = channel.gain * raw + channel.offset
     streams = [ClockGroup(file.path.name, *group, file.resample) for group in groups.values()]
     for stream in streams:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ KINDS = {
 OPTIONS = {"delimiter": ",", "decimal": ".", "encoding": "utf8", "skip": 0, "skip_after_names": 0}
 SHAFTS = ("angle_c", "angle_s_L", "angle_s_R")
 UNITS_OF_POINT = {"delta_T": "K", "K": "-", "T_1": "N m", "Omega": "-"}
+OWN_FILES = ("campaign.yaml", "nominal.yaml", "import.html")  # that an import writes beside runs
 FILE = ("path", "kind", "time", "channels", "resample", "options")
 
 
@@ -117,6 +119,8 @@ def _run(folder: Path, top: Entry, value: Any, where: str, names: Sequence[str])
     """Parse the run at the path ``where``; ``names`` are the channels that it may have."""
     entry = Entry(value, where, ("name", "role", *POINT, "files"))
     name = entry.text("name")
+    if name in OWN_FILES:
+        raise entry.wrong("name", f"none of the files of a campaign, {', '.join(OWN_FILES)}", name)
     try:
         check_name(name)
     except RecordingError:
@@ -204,7 +208,9 @@ def _channel(name: str, value: Any, where: str, names: Sequence[str]) -> Channel
     if scale == 0.0:
         raise entry.wrong("scale", "a number that is not 0", scale)
     gain = entry.choice("sign", (1, -1), 1) * scale * size
-    return ChannelSpec(name, entry.text("column"), unit, gain, entry.quantity("offset", si, 0.0))
+    turn = 2.0 * math.pi / size if name.startswith("angle_") and abs(scale) != 1.0 else None
+    offset = entry.quantity("offset", si, 0.0)
+    return ChannelSpec(name, entry.text("column"), unit, gain, offset, turn)
 
 
 def _time(value: Any, where: str, kind: str) -> TimeSpec:

@@ -20,6 +20,7 @@ class ChannelSpec:
         unit: unit in the file.
         gain: factor of ``unit`` to SI, times ``scale`` and ``sign`` of the specification.
         offset: added after the gain, in SI.
+        turn: number in the file at which an angle with a ``scale`` starts anew; None: of no angle.
     """
 
     name: str
@@ -27,6 +28,7 @@ class ChannelSpec:
     unit: str
     gain: float
     offset: float
+    turn: float | None = None
 
 
 @dataclass(frozen=True)

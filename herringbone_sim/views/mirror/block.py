@@ -104,5 +104,9 @@ class MirrorBlock:
 
 
 def contact_states(x: Array, b_half: float) -> Indices:
-    """Return contact states (n,), indices into ``STATES``; ``x`` (n,), ``b_half``: one unit."""
-    return np.where(x > b_half, 0, np.where(x < -b_half, 2, 1))
+    """Return contact states (n,), indices into ``STATES``, their number where x is not known.
+
+    ``x`` (n,) and ``b_half`` in one unit.
+    """
+    states = np.where(x > b_half, 0, np.where(x < -b_half, 2, 1))
+    return np.where(np.isfinite(x), states, len(STATES))

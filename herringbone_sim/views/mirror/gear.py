@@ -24,13 +24,12 @@ from herringbone_sim.views.gear_geometry import (
     ramp,
 )
 from herringbone_sim.views.mirror.frame import strips, words
-from herringbone_sim.views.mirror.palette import FRAME, WORDS, Colour
+from herringbone_sim.views.mirror.palette import FRAME, UNKNOWN, WORDS
 
 REACH = float(RIM)
 APART = 2.0 * REACH + 14.0
 SPOT = 9.0
 WIDTH, HEIGHT = APART + 2.0 * REACH, 2.0 * REACH
-UNKNOWN: Colour = (70, 74, 84)
 NONE, FULL = (58, 50, 44), (255, 140, 30)
 
 

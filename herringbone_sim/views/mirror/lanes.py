@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.views.mirror.block import STATES, contact_states
 from herringbone_sim.views.mirror.frame import TICK_X, TITLE_Y, send_box, words
-from herringbone_sim.views.mirror.palette import LANE, STATE_COLOURS, WORDS, Colour
+from herringbone_sim.views.mirror.palette import LANE, STATE_COLOURS, UNKNOWN, WORDS, Colour
 from herringbone_sim.views.mirror.plane import Axes, ticks
 
 COLUMNS, ROWS = 300, 84
-GAP_CLASS = len(STATES)
+UNKNOWN_CLASS, GAP_CLASS = len(STATES), len(STATES) + 1
 
 
 class ContactLanes:
     """Image of the contact states over time, a horizontal stripe per mesh.
 
-    Contact on the drive and on the back flank has a colour each; dark: the teeth are apart.
+    Contact on the drive and on the back flank has a colour each; dark: the teeth are apart; grey:
+    x was not recorded then.
 
     Args:
         recording: a ``rerun.RecordingStream``.
@@ -35,7 +36,9 @@ class ContactLanes:
         self._lane = max(2, ROWS // len(colours))
         self._span_s = 0.0
         classes = [(i, state, lane_colour(state)) for i, state in enumerate(STATES)]
-        context = rr.AnnotationContext([*classes, (GAP_CLASS, "", LANE)])
+        context = rr.AnnotationContext(
+            [*classes, (UNKNOWN_CLASS, "not known", UNKNOWN), (GAP_CLASS, "", LANE)]
+        )
         recording.log("contact", context, static=True)
 
     @property

@@ -21,6 +21,7 @@ STATE_COLOURS: dict[str, Colour] = {
 BACKGROUND: Colour = (14, 17, 23)
 FRAME: Colour = (92, 98, 110)
 LANE: Colour = (30, 33, 41)
+UNKNOWN: Colour = (70, 74, 84)
 GRID: Colour = (38, 42, 51)
 BORDER: Colour = (150, 154, 164)
 WORDS: Colour = (190, 196, 206)

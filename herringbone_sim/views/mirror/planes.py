@@ -112,6 +112,7 @@ class Planes:
         self._follow_steered(block)
         at = self._steered_values(block)
         x = block.at_section(f"x_{self.mesh}") / self.scale.b_c
+        at, x = at[np.isfinite(x)], x[np.isfinite(x)]
         state = np.zeros(len(x), np.int64) if border is None else contact_states(x, border)
         touched = self._bifurcation.add(at, x, state, self._rising)
         labels = (self._steered_label(), self._x_label)
