@@ -55,7 +55,9 @@ def check(campaign: PreparedCampaign) -> tuple[PreparedCampaign, tuple[Finding, 
         run, units = wrong_units(run)
         findings += [*units, *_wrong_torque(run)]
         in_si.append(run)
-    in_si = settle_detrended(in_si)
+    settled = settle_detrended(in_si)
+    findings += [f for pair in zip(in_si, settled, strict=True) for f in _lost_rotations(*pair)]
+    in_si = settled
     runs = _without_fatal(in_si, runs_with_other_geometry(in_si), findings)
     campaign, noise_ratio = without_wrong_noise(replace(campaign, runs=tuple(runs)))
     runs = list(campaign.runs)
@@ -180,6 +182,20 @@ def _wrong_torque(run: PreparedRun) -> list[Finding]:
     )
     channels = ("T_1", *run.model.layout.channels_of("F")[:half])
     return [Finding("torque", run.name, channels, float(run.times[0]), text)]
+
+
+def _lost_rotations(before: PreparedRun, after: PreparedRun) -> list[Finding]:
+    """A finding, if rotations without their mean were marked as not recorded."""
+    lost = before.u.recorded & ~after.u.recorded
+    if not lost.any():
+        return []
+    names = before.model.layout.channels_of("u")
+    names = tuple(n for n, off in zip(names, lost, strict=True) if off)
+    text = (
+        f"rotations of {before.name} lack their mean, as those of encoders that count from any "
+        "mark: beside the other channels of the campaign they are not used"
+    )
+    return [Finding("no_mean", before.name, names, float(before.times[0]), text)]
 
 
 def _finite_shares(run: PreparedRun, fused: Fused) -> Array:

@@ -182,15 +182,16 @@ def _calibrated(machine: GearMachine, examined: Examination) -> Calibrated:
     """Fit runs with their fused motion, and the calibration from the fit without effects.
 
     ``per_mesh`` is the chi2 left in the force law over the number of values of a mesh: that of all
-    values, divided equally among the meshes with a residual.
+    values, divided among the meshes by the samples of the runs that have them.
     """
     cases = tuple(fused_run(g.run, g.fused) for g in machine.gear.runs)
     rows = examined.none.score.chi2_by_row.get("force_law")
     count = examined.counts.get("force_law", 0.0)
     per_mesh = None
     if rows is not None and count > 0.0:
-        alive = rows.sum(axis=0) > 0.0
-        per_mesh = rows.sum(axis=0) / (count / max(int(alive.sum()), 1))
+        samples = (rows > 0.0) * np.array([[len(g.run)] for g in machine.gear.runs])
+        values = count * samples.sum(axis=0) / max(float(samples.sum()), 1.0)
+        per_mesh = rows.sum(axis=0) / np.maximum(values, 1.0)
     return Calibrated(cases, augmented(examined.none, None).factors, per_mesh)
 
 

@@ -59,9 +59,8 @@ def run_views(diagnosis: Diagnosis) -> list[RunView]:
     known = {c.run.name: c for c in diagnosis.calibrated.cases}
     views = []
     for run in diagnosis.runs:
-        case = known.get(run.name)
-        if case is None:
-            corrected = correct_motion_sensors(run, model.actives)
+        case, corrected = known.get(run.name), correct_motion_sensors(run, model.actives)
+        if case is None or corrected is not run:
             case = fused_run(corrected, fuse_with_rates(corrected))
         views.append(run_view(case, model))
     return views

@@ -14,6 +14,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.screen import Finding, may_have_gaps
 
 STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
+COUNT_SHARE = 0.01  # of the steps of phase, from which a size of step is one of an encoder
 DROPOUT_SHARE = 0.5  # fraction of NaN channels above which a sample counts as a dropout
 
 
@@ -27,7 +28,8 @@ def longest_part(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     if len(series) < 3:
         return series, ()
     clock = _odd(np.diff(series.times))
-    phase = _odd(np.diff(series["phase"])) if "phase" in series else np.zeros_like(clock)
+    turns = np.diff(series["phase"]) if "phase" in series else np.full(len(clock), np.nan)
+    phase = _odd(turns, _count(turns))
     dropout = _dropouts(series)
     breaks = clock | phase | dropout[1:] | dropout[:-1]
     if not breaks.any():
@@ -61,7 +63,8 @@ def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     phase, unwrapped = series["phase"], series["phase"].copy()
     known = np.isfinite(phase)
     unwrapped[known] = np.unwrap(phase[known])
-    odd, left = _odd(np.diff(phase)), _odd(np.diff(unwrapped))
+    count = _count(np.diff(unwrapped))
+    odd, left = _odd(np.diff(phase), count), _odd(np.diff(unwrapped), count)
     if not odd.any() or np.ptp(phase[known]) > 2.0 * np.pi or 2 * left.sum() > odd.sum():
         return series, ()
     data = series.data.copy()
@@ -76,11 +79,21 @@ def unwrap_phase(name: str, series: TimeSeries) -> tuple[TimeSeries, tuple[Findi
     return TimeSeries(series.times, data, series.names), (finding,)
 
 
-def _odd(steps: Array) -> Flags:
-    """Flag steps (n,) that differ from their median by ``STEP_TOLERANCE``; NaN is not flagged."""
+def _count(turns: Array) -> float:
+    """Return the count of an encoder by which steps of the phase (n,) differ; 0: none is seen."""
+    levels, times = np.unique(np.round(turns[np.isfinite(turns)], 9), return_counts=True)
+    levels = levels[(times > COUNT_SHARE * len(turns)) & (levels >= 0.0)]
+    return 1.001 * float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+
+
+def _odd(steps: Array, count: float = 0.0) -> Flags:
+    """Flag steps (n,) that differ from their median by ``STEP_TOLERANCE`` and more than a count.
+
+    NaN is not flagged.
+    """
     known = np.isfinite(steps)
     usual = float(np.median(steps[known])) if known.any() else np.nan
-    return np.asarray(known & ~(np.abs(steps / usual - 1.0) <= STEP_TOLERANCE))
+    return np.asarray(known & ~(np.abs(steps - usual) <= STEP_TOLERANCE * abs(usual) + count))
 
 
 def _dropouts(series: TimeSeries) -> Flags:

@@ -200,7 +200,7 @@ def _check_phase(name: str, series: TimeSeries) -> None:
     known = turns[np.isfinite(turns)]
     if not turns.size:
         return
-    turn = float(np.median(known)) if known.size else float("nan")
+    turn = float(np.median(known) or np.mean(known)) if known.size else float("nan")
     if not turn > 0.0:
         what = (
             "runs backwards" if turn < 0.0 else "stands still" if turn == 0.0 else "is no number"

@@ -68,8 +68,8 @@ def _displacements(run: PreparedRun) -> dict[str, Array]:
     """Return the powers of ten (n_mesh,) by which x, v and (if complete) D B u are off.
 
     By quantity (``x``, ``v``, ``u``); multiples of 3, see ``_powers``; 0 where not recorded. Each
-    standard deviation (of v over omega) is compared with the median of those within ``FAR`` of
-    that of the nominal e(t), or with the latter if there are none.
+    standard deviation (of v over omega) is compared with ``_usual_sizes``, widened to the median
+    of those within ``FAR`` of them.
     """
     sizes = {
         "x": run.x.values.std(axis=0),
@@ -77,12 +77,29 @@ def _displacements(run: PreparedRun) -> dict[str, Array]:
     }
     if run.u.complete:
         sizes["u"] = (run.u.values @ bodies_to_meshes(run.model).T).std(axis=0)
-    usual = float(run.waves.e.std(axis=0).mean())
+    least, most = _usual_sizes(run)
     known = np.concatenate([s[np.isfinite(s) & (s > 0.0)] for s in sizes.values()])
-    near = known[np.abs(np.log10(known / usual)) < np.log10(FAR)]
+    near = known[(known > least / FAR) & (known < most * FAR)]
     if near.size:
         usual = float(np.median(near))
-    return {q: _powers(size / usual) for q, size in sizes.items()}
+        least, most = min(least, usual), max(most, usual)
+    return {
+        q: _powers(size / np.clip(size, max(least, np.finfo(float).tiny), most))
+        for q, size in sizes.items()
+    }
+
+
+def _usual_sizes(run: PreparedRun) -> tuple[float, float]:
+    """Return the smallest and the largest usual standard deviation [m] of a displacement.
+
+    Teeth that stay in contact move by what k(t) makes of the deflection under the load, whatever
+    e(t) is; teeth that part, by e(t), by what the control asks for, or through the backlash.
+    """
+    model = run.model
+    e = float(run.waves.e.std(axis=0).mean())
+    load = abs(mean_sun_force(model)) * float((1.0 / run.waves.k).std(axis=0).mean())
+    swing = abs(model.parameters.K) * model.scales.b_c
+    return min(e, load), max(e, load, swing, float(np.mean(model.half_backlash_m)))
 
 
 def _forces(run: PreparedRun) -> Array:

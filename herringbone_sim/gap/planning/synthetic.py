@@ -40,8 +40,15 @@ class SensorNoise:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def sigma(self, channel: str, rms: float) -> float:
-        """Noise [SI] of a channel with an RMS of ``rms`` [SI]; its longest known prefix counts."""
-        prefixes = [n for n in (*self.shares, *self.values) if channel.startswith(n)]
+        """Noise [SI] of a channel with an RMS of ``rms`` [SI]; its longest known prefix counts.
+
+        A single letter is a quantity: ``a`` of accelerations, not of angles.
+        """
+        prefixes = [
+            n
+            for n in (*self.shares, *self.values)
+            if channel.startswith(n) and (len(n) > 1 or channel[1] == "_")
+        ]
         longest = max(prefixes, key=len, default="")
         if longest in self.values:
             return self.values[longest]

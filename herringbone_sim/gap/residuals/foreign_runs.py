@@ -114,8 +114,14 @@ def geometry_scales(run: PreparedRun) -> tuple[float, float]:
         if quiet or (of_e and square[0, 2] ** 2 > COLLINEAR * whole * square[2, 2]):
             continue
         # Error of g by the noise, where x is worked out of u: it is part of x then.
-        by_noise = len(s) * noise[j] * np.linalg.inv(square)[0, 0]
+        inverse = np.linalg.inv(square)
+        by_noise = len(s) * noise[j] * inverse[0, 0]
         if not 0.0 <= by_noise < 0.5 * GEOMETRY_TOLERANCE:
+            continue
+        # Of e: where the control drives u at the mesh frequency, e is all but one of its waves.
+        if of_e and (noise[j] + run.x.sigma[j] ** 2) * inverse[2, 2] > (
+            (0.25 * GEOMETRY_TOLERANCE) ** 2
+        ):
             continue
         fitted = np.linalg.solve(square, J.T @ (run.x.values[:, j] + e))
         pairs.append((fitted[0], fitted[2] if of_e else 0.0))

@@ -51,7 +51,8 @@ def value_ranges(points: Sequence[Mapping[str, float]]) -> dict[str, tuple[float
         values = [float(p[name]) for p in points if name in p] or [0.0]
         low, high = min(values), max(values)
         share = LEAST_MARGIN_SHARE.get(name, 0.0)
-        margin = max(MARGIN * (high - low), LEAST_MARGIN.get(name, share * float(np.mean(values))))
+        size = abs(float(np.mean(values)))
+        margin = max(MARGIN * (high - low), LEAST_MARGIN.get(name, share * size))
         floor = min(low, LOWEST_SHARE * low if name in LEAST_MARGIN_SHARE else 0.0)
         ranges[name] = (max(low - margin, floor), high + margin)
     return ranges

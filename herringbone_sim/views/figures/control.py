@@ -128,14 +128,14 @@ def shape_figure(
     by_phase: ShapeMap,
     by_order: ShapeMap,
     least: Sequence[LeastAmplitude],
-    cancelling: tuple[float, float],
+    cancelling: tuple[float, float] | None,
 ) -> Figure:
     """Draw period and largest exponent over phase and K, and over frequency order and K.
 
     Args:
         by_phase, by_order: maps over ``control_phase`` and ``control_order``.
         least: least amplitudes over the phase.
-        cancelling: K and phase [rad] at which the control cancels the mesh error.
+        cancelling: K and phase [rad] at which the control cancels the mesh error; None: at none.
     """
     with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 7.0))
@@ -145,10 +145,12 @@ def shape_figure(
         _phase_curves(a, least)
         for axes in (a, b):
             ring: Any = {"mfc": "none", "mec": GREEN, "ms": 8, "mew": 2.0}
-            axes.plot(cancelling[1], cancelling[0], "o", path_effects=OUTLINE, **ring)
+            if cancelling:
+                axes.plot(cancelling[1], cancelling[0], "o", path_effects=OUTLINE, **ring)
             axes.set_xticks(*TURN)
             axes.set(xlabel="phase of the control [rad]", xlim=(-np.pi, np.pi))
-        a.set_title("period; hatched: halves part; ring: error cancelled")
+        known = "; ring: error cancelled" if cancelling else ""
+        a.set_title(f"period; hatched: halves part{known}")
         places = list(range(len(by_order.axis)))
         _draw_pair(c, d, places, by_order, places)
         c.set_title("period, of mesh and control together")

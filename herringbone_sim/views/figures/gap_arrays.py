@@ -44,7 +44,7 @@ def gap_arrays(
         if sum(excess) > 0 and all(name in run.point for run in runs)
     }
     residual = np.concatenate([law.residual_n for law in laws])
-    phase = np.concatenate([run.phase for run in runs])
+    phase = np.concatenate([run.gear_phase for run in runs])
     centres = (np.arange(BINS) + 0.5) * 2.0 * np.pi / BINS
     return GapArrays(centres, mean_over_phase(phase, residual), _contact(laws), shares, forces)
 

@@ -229,7 +229,8 @@ def windows_of_run(run: PreparedRun, windows: int = N_WINDOWS) -> Windows:
     at = np.arange(2 * each * n + 1) / (2 * each)
     measured = window_channels(run)
     values = measured.values[:n].reshape(W, samples, -1)
-    size = np.sqrt(np.nanmean(measured.values**2, axis=0))
+    seen = np.maximum(np.isfinite(measured.values).sum(axis=0), 1)  # a gauge may see no planet
+    size = np.sqrt(np.nansum(measured.values**2, axis=0) / seen)
     motion = float(np.sqrt(np.mean(shaft_rotations(run)[:n] ** 2)))
     inverse = inverse_masses(model)
     return Windows(
