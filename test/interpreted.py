@@ -69,7 +69,7 @@ EFFECT_CASES = {
     "rubs": (RUBS, HOT, 16, 1),
     "round": (ROUND, HOT, 4, 1),
     "rk4": (f"{EVENTS}; tooth_friction:mu=0.08; {JUMPS}", HOT | SLOW, 10, 0),
-    "rk4_bends": (f"{BENDS}; {ROUND}", HOT | SLOW, 10, 0),
+    "rk4_bends": (f"{BENDS},softness=0.1", HOT | SLOW, 10, 0),
 }
 EFFECT_BATCHES = {
     name: (text, True)

@@ -105,7 +105,7 @@ def _turns(series: TimeSeries) -> Array:
         at = int(np.argmax(~(steps > 0)))
         raise AnalysisError(
             "phase must be finite and increase from sample to sample, got "
-            f"{series['phase'][at]!r} rad then {series['phase'][at + 1]!r} rad at "
+            f"{series['phase'][at]:.6g} rad then {series['phase'][at + 1]:.6g} rad at "
             f"t = {series.times[at + 1]:.6g} s: unwrap the phase, or cut the recording there"
         )
     return turns

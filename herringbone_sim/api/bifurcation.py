@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,21 @@ import numpy as np
 from herringbone_sim.api.gear import Gear, any_gear
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
+from herringbone_sim.dynamics.flow import forcing_cycles
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import STARTS, Axis, Observation, Sweep, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    STARTS,
+    Axis,
+    Observation,
+    Sweep,
+    first_value,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
@@ -85,12 +95,21 @@ def _is_number(name: str) -> bool:
     return isinstance(getattr(Parameters, name), (int, float))
 
 
+def _forcing(base: Parameters, actives: Sequence[Active], axis: Axis) -> int:
+    """Return the forcing period [mesh cycles] at the first value; 1 if no gear can have it."""
+    try:
+        model = build_with(base.changed({axis.name: first_value(axis)}), actives)
+    except ParameterError:
+        return 1
+    return forcing_cycles(model)
+
+
 @any_gear()
 def bifurcation(
     gear: Gear = None,
     start: str | Sequence[str] = "fixed",
     transient: int = 300,
-    cycles: int = 100,
+    cycles: int | None = None,
     effects: str | None = None,
     folder: Path | str | None = None,
     **values: Any,
@@ -103,7 +122,8 @@ def bifurcation(
             ``down`` (from the final state of the value before), ``ramp_up``, ``ramp_down`` (one
             motion while the parameter changes every mesh cycle).
         transient: mesh cycles discarded at each value.
-        cycles: mesh cycles observed then.
+        cycles: mesh cycles observed then; None for 100, or ten periods of effects or control that
+            repeat after more than one, up to 100 mesh cycles.
         effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         folder: where results are stored, and read from when the call is repeated; None for none.
         values: one parameter with a sequence of values, as ``delta_T=np.linspace(0, 100, 400)``;
@@ -128,7 +148,8 @@ def bifurcation(
     others = {key: given for key, given in values.items() if key not in swept}
     base = with_sweep_steps(parameters.changed(others), others)
     axis = Axis(name, tuple(float(value) for value in along))
-    look = Observation(transient, cycles, min(cycles, 100), mesh=base.layout.meshes[0])
+    look = Observation.of_forcing(_forcing(base, actives, axis), transient, cycles)
+    look = replace(look, mesh=base.layout.meshes[0])
     with tempfile.TemporaryDirectory() as unkept:
         stores = []
         for way in starts:

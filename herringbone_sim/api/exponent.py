@@ -60,9 +60,11 @@ class Exponents(NotebookResult):
     def facts(self) -> list[tuple[str, str]]:
         growth = self.methods.spectrum
         pairs = zip(growth.exponents, growth.errors, strict=True)
+        alike = self.methods.symmetric
+        own = growth if alike is None else alike.within  # the attractor lies in the symmetric part
         return [
             ("exponents", ", ".join(f"{value:+.4f} ± {error:.4f}" for value, error in pairs)),
-            ("Kaplan-Yorke dimension", f"{kaplan_yorke(np.asarray(growth.exponents)):.3f}"),
+            ("Kaplan-Yorke dimension", f"{kaplan_yorke(np.asarray(own.exponents)):.3f}"),
             ("0-1 test", f"{self.methods.zero_one.K:.3f}"),
         ]
 

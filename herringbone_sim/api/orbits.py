@@ -77,7 +77,7 @@ def orbits(
     gear: Gear = None,
     over: str = "delta_T",
     between: tuple[float, float] = (55.0, 90.0),
-    start: Sequence[float | tuple[float, int]] = (85.0,),
+    start: float | Sequence[float | tuple[float, int]] = (85.0,),
     max_period: int = 4,
     effects: str | None = None,
     **changes: Any,
@@ -88,8 +88,8 @@ def orbits(
         gear: parameters, a parameter file, or None for Tables 1 and 2 of the paper.
         over: parameter that is varied.
         between: range of the parameter.
-        start: values at which the motion is periodic, or (value, N) for an orbit of N forcing
-            periods near the motion there, stable or not.
+        start: value or values at which the motion is periodic, or (value, N) for an orbit of N
+            forcing periods near the motion there, stable or not.
         max_period: largest period that is followed at period doublings [forcing periods].
         effects: text that replaces the effects of the file, see ``simulate``; None to use those.
         changes: other parameters by name.
@@ -102,7 +102,8 @@ def orbits(
     parameters = parameters.changed(changes)
     family, watch = gear_family(parameters, over, *between, actives)
     gears = GearCache(parameters, over, actives)
-    pairs = [entry if isinstance(entry, tuple) else (entry, None) for entry in start]
+    entries: Sequence[Any] = (start,) if isinstance(start, (int, float)) else start
+    pairs = [(e, None) if isinstance(e, (int, float)) else tuple(e) for e in entries]
     starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
     branches = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
     return Orbits(over, tuple(branches), parameters)

@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from herringbone_sim.analysis.known_gear import effect_texts, gear_of, numbers_of
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.api.gear import Gear, any_gear, model_of
@@ -15,6 +17,8 @@ from herringbone_sim.api.shown import NotebookResult, Picture, data_frame, libra
 from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
+from herringbone_sim.core.model import Model, build, carry_over
+from herringbone_sim.core.parameters import from_mapping
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS, values_of_gear
@@ -154,10 +158,30 @@ def simulate(
             "to go on from"
         )
     model = model_of(gear, effects, changes)
-    samples, end = integrate.simulate(model, cycles, None if start is None else start.end)
+    samples, end = integrate.simulate(model, cycles, _continued(start, model))
     name = ", ".join(f"{name} {value}" for name, value in changes.items())
     values = values_of_gear(model.parameters, model.effects)
     return Run(name or "simulated", samples, values, end=end)
+
+
+def _continued(start: Run | None, model: Model) -> integrate.State | None:
+    """Return the end of a run as the start of a gear: relative displacements and rates stay.
+
+    Raises:
+        ParameterError: the gear has another model, or other states that effects add.
+    """
+    if start is None or start.end is None:
+        return None
+    own = {name: value for name, value in start.parameters.items() if name != EFFECTS}
+    old, y = build(from_mapping(own)), start.end.y
+    if old.layout != model.layout or len(y) != model.n_state:
+        raise ParameterError(
+            f"start must be a run of a gear with {model.n_state} states, got {len(y)}: continue "
+            "it with the same model and the same rings and pins that move"
+        )
+    n = model.layout.n_state
+    carried = carry_over(old, model, y[:n], 0.0)
+    return replace(start.end, y=np.concatenate([carried, y[n:]]))
 
 
 @any_gear()

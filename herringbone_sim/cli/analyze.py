@@ -85,7 +85,7 @@ class Options:
         limits(gte=0.0, lt=1.0),
         "measurement noise as a share of each channel's RMS, as 0.01 (default: estimated)",
     ] = None
-    max_period: Annotated[Count, "largest period looked for, in mesh cycles"] = 16
+    max_period: Annotated[Count, limits(gte=1), "largest period looked for, in mesh cycles"] = 16
     parameters: Annotated[
         File | None, "parameter file of the gear, for runs that do not hold its parameters"
     ] = None

@@ -21,7 +21,7 @@ from herringbone_sim.cli.parameter_options import Changes, print_gear_notes, set
 from herringbone_sim.cli.sweep import WAYS
 from herringbone_sim.cli.sweep_options import Gear, SweepOptions, observation_from, run_all
 from herringbone_sim.core.parameters import meaning, to_mapping
-from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.dynamics.flow import effect_cycles, forcing_cycles
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
@@ -33,7 +33,14 @@ from herringbone_sim.sweeps.compare import (
     match_boundaries,
     shares,
 )
-from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, axis_from_text, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    Axis,
+    Observation,
+    Sweep,
+    axis_from_text,
+    first_value,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.sweeps.store import Store, load_result, open_store
 from herringbone_sim.views.figures.compare import compare_figure, starts_figure
@@ -93,7 +100,7 @@ def run(
     gears = both_gears(files, settings(options.set))
     forcing = {name: forcing_of(name, gear, axis) for name, gear in gears.items()}
     mesh = options.mesh or gears["nominal"][0].layout.meshes[0]
-    observation = observation_from(sweep, mesh, max(forcing.values()))
+    observation = observation_from(sweep, mesh, max(p for p, _ in forcing.values()))
     stores = {
         name: open_stores(
             options.out / name, ways_of(gear, axis, observation, options, sweep.chunk)
@@ -102,7 +109,9 @@ def run(
     }
     run_all([store for ways in stores.values() for store in ways.values()], sweep)
     sides = [
-        GearSweeps(name, {way: load_result(store) for way, store in ways.items()}, forcing[name])
+        GearSweeps(
+            name, {way: load_result(store) for way, store in ways.items()}, forcing[name][1]
+        )
         for name, ways in stores.items()
     ]
     write(options.out, sides[0], sides[1], facts(files, gears, sides))
@@ -123,20 +132,20 @@ def both_gears(files: Mapping[str, Path], changes: dict[str, Any]) -> dict[str, 
     }
 
 
-def forcing_of(name: str, gear: Gear, axis: Axis) -> int:
-    """Return the period of a gear's effects in mesh cycles, and print notes on the gear.
+def forcing_of(name: str, gear: Gear, axis: Axis) -> tuple[int, int]:
+    """Return the periods of a gear's forcing and of its effects [mesh cycles]; print notes.
 
     Raises:
         ParameterError: the gear can't be built at the first value of the axis.
     """
     base, actives = gear
     try:
-        model = build_with(base.changed({axis.name: axis.values[0]}), actives)
+        model = build_with(base.changed({axis.name: first_value(axis)}), actives)
     except ParameterError as error:
         raise ParameterError(f"{name} gear at {axis.name} = {axis.values[0]:g}: {error}") from None
     print(f"{name}:")
     print_gear_notes(model)
-    return effect_cycles(model)
+    return forcing_cycles(model), effect_cycles(model)
 
 
 def ways_of(

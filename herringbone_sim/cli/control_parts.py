@@ -16,7 +16,14 @@ from herringbone_sim.control.amplitude import START_GROUPS, Target, least_amplit
 from herringbone_sim.control.realisation import single_actuators, substitutes, torque_demands
 from herringbone_sim.control.robustness import start_shares, survival
 from herringbone_sim.control.runs import MotionRunner, RunSettings
-from herringbone_sim.control.shape import ORDERS, around_cancelling, cancelling, phases, shape_map
+from herringbone_sim.control.shape import (
+    ORDERS,
+    around_cancelling,
+    cancelling,
+    cancels,
+    phases,
+    shape_map,
+)
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
@@ -84,7 +91,7 @@ def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Line
     """Map the motions over phase and over order of the control, each with K.
 
     Writes ``phase.csv`` and ``order.csv`` (the maps), ``phase_least.csv`` (least K at each phase),
-    ``quiet.csv`` (runs near the control that cancels the mesh error) and the figure
+    ``quiet.csv`` (runs near the control that cancels the mesh error, if one does) and the figure
     ``control_shape``; returns the summary lines.
     """
     K, turn = size.K(), Axis("control_phase", phases(size.phases))
@@ -97,13 +104,16 @@ def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Line
     tables.write_shape(out / "phase.csv", by_phase)
     tables.write_shape(out / "order.csv", by_order)
     tables.write_least(out / "phase_least.csv", "control_phase", least)
-    near = around_cancelling(runner, base, size.phases // 4 * 2 + 1, size.settings)
-    tables.write_runs(out / "quiet.csv", near)
-    middle = dict(zip(("K", "control_phase"), cancelling(base), strict=True))
-    (share,) = start_shares(runner, base, [middle], (1,), size.starts, size.longer(times=LONG))
-    figure = control_figures.shape_figure(by_phase, by_order, least, cancelling(base))
-    save(figure, out, "control_shape")
-    lines = [*text.phase_lines(turn, least, base), *text.quiet_lines(near, share)]
+    lines, ring = text.phase_lines(turn, least), cancelling(base) if cancels(base) else None
+    if ring is None:
+        lines.append("no control of this gear cancels its mesh error")
+    else:
+        near = around_cancelling(runner, base, size.phases // 4 * 2 + 1, size.settings)
+        tables.write_runs(out / "quiet.csv", near)
+        middle = dict(zip(("K", "control_phase"), ring, strict=True))
+        (share,) = start_shares(runner, base, [middle], (1,), size.starts, size.longer(times=LONG))
+        lines += [*text.cancelling_lines(least, base), *text.quiet_lines(near, share)]
+    save(control_figures.shape_figure(by_phase, by_order, least, ring), out, "control_shape")
     return [*lines, *text.order_lines(by_order)]
 
 

@@ -87,8 +87,8 @@ def contact_lines(survey: Survey) -> Lines:
     ]
 
 
-def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
-    """Lines on the best control phase per target, and on that which cancels the mesh error."""
+def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude]) -> Lines:
+    """Lines on the best control phase per target."""
     lines = []
     for target in TARGETS:
         firm = [a.staircase.firm for a in amplitudes if a.target == target]
@@ -98,9 +98,14 @@ def phase_lines(turn: Axis, amplitudes: Sequence[LeastAmplitude], base: Paramete
             f"{target_text(target)} best phase {phase:+.3f} rad: firm from K {K:.3f}; phase 0: "
             f"{at_zero:.3f}"
         )
+    return lines
+
+
+def cancelling_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines:
+    """Lines on the control that cancels the mesh error, and ``error_lines``; see ``cancels``."""
     K, phase = cancelling(base)
-    lines.append(f"the mesh error is cancelled at K {K:g}, phase {phase:+.3f} rad")
-    return [*lines, *error_lines(amplitudes, base)]
+    line = f"the mesh error is cancelled at K {K:g}, phase {phase:+.3f} rad"
+    return [line, *error_lines(amplitudes, base)]
 
 
 def quiet_lines(near: Survey, share: StartShares) -> Lines:

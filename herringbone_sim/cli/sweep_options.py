@@ -16,18 +16,24 @@ from herringbone_sim.cli.parameter_options import (
     settings,
 )
 from herringbone_sim.core.parameters import Parameters
-from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.dynamics.flow import forcing_cycles
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import CHUNK, SMALL_CHUNK, Axis, Observation, with_sweep_steps
+from herringbone_sim.sweeps.grid import (
+    CHUNK,
+    REPEATS,
+    SMALL_CHUNK,
+    Axis,
+    Observation,
+    first_value,
+    with_sweep_steps,
+)
 from herringbone_sim.sweeps.store import Result, Store
 
-REPEATS = 2 * MIN_REPEATS  # periods of the effects to observe: a motion of two is detected too
-LONGEST = 100  # longest period of the effects [mesh cycles] of which REPEATS are observed
 SEEN = Observation()
 Gear = tuple[Parameters, tuple[Active, ...]]
 
@@ -40,8 +46,8 @@ class SweepOptions:
     transient: Annotated[Cycles, "mesh cycles to discard at each value"] = SEEN.transient
     cycles: Annotated[
         Cycles | None,
-        f"mesh cycles observed then [{SEEN.cycles}, or {REPEATS} periods of effects whose "
-        "period is longer than a cycle]",
+        f"mesh cycles observed then [{SEEN.cycles}, or {REPEATS} periods of effects or "
+        "control whose period is longer than a cycle]",
     ] = None
     no_exponents: Annotated[bool, "compute no Lyapunov exponents"] = False
     chunk: Annotated[
@@ -67,18 +73,15 @@ def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Obse
 
     Args:
         mesh: mesh whose section displacements are stored.
-        forcing: period of the effects in mesh cycles. Ten or more of them are observed if
-            ``--cycles`` says so or, without it, if it is at most ``LONGEST``.
+        forcing: period of control and effects in mesh cycles, see ``Observation.of_forcing``.
     """
-    long = forcing <= LONGEST or options.cycles is not None
-    points = max(SEEN.points, REPEATS * forcing if long else 0)
-    cycles = points if options.cycles is None else options.cycles
     exponents = not options.no_exponents
-    result = Observation(options.transient, cycles, min(cycles, points), exponents)
+    result = Observation.of_forcing(forcing, options.transient, options.cycles, exponents)
     if result.points < MIN_REPEATS * forcing:
+        why = f"the forcing repeats after {forcing} mesh cycles, and " if forcing > 1 else ""
         print(
-            f"the effects repeat after {forcing} mesh cycles, and {result.points} are observed: "
-            f"no period is told from fewer than {MIN_REPEATS * forcing} (--cycles)"
+            f"{why}{result.points} mesh cycles are observed: no period is told from fewer than "
+            f"{MIN_REPEATS * forcing} (--cycles)"
         )
     return replace(result, mesh=mesh)
 
@@ -86,23 +89,23 @@ def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Obse
 def observation_of_gear(
     options: SweepOptions, gear: Gear, axes: Sequence[Axis], mesh: str
 ) -> Observation:
-    """Build the observation for a gear, long enough for the period of its effects; print notes.
+    """Build the observation for a gear, long enough for the period of its forcing; print notes.
 
     Args:
         gear: parameters and effects.
-        axes: the gear is built at the first value of each; if that fails, the period of the
-            effects is ignored.
+        axes: the gear is built at the first value of each, at the largest K; if that fails, the
+            period of the forcing is ignored.
     """
     base, actives = gear
     try:
-        p = base.changed({axis.name: axis.values[0] for axis in axes})
+        p = base.changed({axis.name: first_value(axis) for axis in axes})
         model = build_with(p, actives)
     except ParameterError:  # no gear at this value
         if actives:
             print(f"with effects: {effects_text(actives)}")
         return observation_from(options, mesh)
     print_gear_notes(model)
-    return observation_from(options, mesh, effect_cycles(model))
+    return observation_from(options, mesh, forcing_cycles(model))
 
 
 def run_all(stores: Sequence[Store], options: SweepOptions) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts, start_states
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.parameters import Parameters, spread
 from herringbone_sim.dynamics.basins import random_starts, wilson
 
 SHARES = (0.01, 0.02, 0.05, 0.10)
@@ -71,26 +71,29 @@ class Survival:
     distance: float
 
 
-def _sides(name: str, scale: float = 1.0, centre: float = 1.0, kinds: int = 2) -> Any:
-    """Function from a difference to changes {name: values} that give the halves this difference.
+def _sides(name: str, kinds: int = 2) -> Any:
+    """Function from a gear and a difference to changes {name: values} of its halves.
 
-    Left and right lie scale / 2 times it above and below ``centre``, ``kinds`` times in a row.
+    Left lies above and right below the gear's own values, ``kinds`` times in a row: factors by
+    half of the difference, phases [rad] by pi times it.
     """
 
-    def changes(difference: float) -> dict[str, list[float]]:
-        half = 0.5 * scale * difference
-        return {name: [centre + half, centre - half] * kinds}
+    def changes(base: Parameters, difference: float) -> dict[str, list[float]]:
+        own = spread(getattr(base, name), 2 * kinds)
+        half = np.tile([0.5 * difference, -0.5 * difference], kinds)
+        changed = own * (1.0 + half) if name.endswith("_factor") else own + 2.0 * np.pi * half
+        return {name: [float(value) for value in changed]}
 
     return changes
 
 
-DIFFERENCES: dict[str, Callable[[float], dict[str, list[float]]]] = {
+DIFFERENCES: dict[str, Callable[[Parameters, float], dict[str, list[float]]]] = {
     "k_factor": _sides("k_factor"),
     "e_factor": _sides("e_factor"),
     "I_s_factor": _sides("I_s_factor", kinds=1),
     "I_p_factor": _sides("I_p_factor", kinds=1),
-    "phi_a": _sides("phi_a", 2.0 * np.pi, 0.0),
-    "mesh_phase": _sides("mesh_phase", 2.0 * np.pi, 0.0),
+    "phi_a": _sides("phi_a"),
+    "mesh_phase": _sides("mesh_phase"),
 }
 
 
@@ -151,7 +154,7 @@ def survival(
         starts: number of random starts, beside the zero start and the running gear.
     """
     cases = [(what, size) for what in DIFFERENCES for size in differences]
-    gears = [base.changed(DIFFERENCES[what](size)) for what, size in cases]
+    gears = [base.changed(DIFFERENCES[what](base, size)) for what, size in cases]
     states = start_states(runner, gears, Starts(alike=0, parted=starts))
     sets = [gear for gear in gears for _ in range(states.shape[1])]
     motions = runner.run(sets, states.reshape(len(sets), -1), settings)

@@ -145,7 +145,7 @@ class MotionRunner:
                 that effects add are at rest if left out.
             settings: length of the runs.
         """
-        built = next((model for model in map(self._model, sets) if model is not None), None)
+        built = next((model for model in map(self.built, sets) if model is not None), None)
         starts = with_added_states(built, starts) if built else starts
         slices = [slice(i, i + CHUNK) for i in range(0, len(sets), CHUNK)]
         chunks = [self._chunk(sets[rows], starts[rows], settings) for rows in slices]
@@ -162,7 +162,7 @@ class MotionRunner:
         motions = _empty(len(sets), starts.shape[1])
         models = {
             i: model
-            for i, model in enumerate(map(self._model, sets))
+            for i, model in enumerate(map(self.built, sets))
             if model is not None and np.isfinite(starts[i]).all()
         }
         if models:
@@ -171,7 +171,8 @@ class MotionRunner:
             _fill(motions, rows, list(models.values()), starts[rows], settings.over(period))
         return motions
 
-    def _model(self, parameters: Parameters) -> Model | None:
+    def built(self, parameters: Parameters) -> Model | None:
+        """The model of a gear; None if it can't be built."""
         try:
             return self.build(parameters)
         except ParameterError:

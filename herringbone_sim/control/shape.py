@@ -16,9 +16,10 @@ from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.control.amplitude import Survey, run_survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.sweeps.grid import Axis
 
+NEAR = 0.02  # rad, and share of K, about the control that cancels the mesh error; chosen
 IRRATIONAL = (0.6180339887498949, 1.4142135623730951, 2.2360679774997896)
 ORDERS = tuple(sorted([*(i / 8 for i in range(25)), *IRRATIONAL]))
 
@@ -127,6 +128,18 @@ def cancelling(p: Parameters) -> tuple[float, float]:
     return float(amplitude * p.Omega**2), float(angle - np.pi / 2.0)
 
 
+def cancels(p: Parameters) -> bool:
+    """Whether a control of this gear, within its bounds, cancels all that varies of its error e.
+
+    Not one of another order, nor on some of the equations alone, nor where the error has further
+    harmonics.
+    """
+    K, phase = cancelling(p)
+    one = p.control_order == 1.0 and set(p.control_on) == {1.0} and not any(p.e_amp[1:])
+    bounds = ((meaning("K"), (1.0 + NEAR) * K), (meaning("control_phase"), abs(phase) + NEAR))
+    return bool(one and K > 0.0 and all(value <= known.high for known, value in bounds))
+
+
 def _first_harmonic(p: Parameters) -> tuple[float, float]:
     """Amplitude [b_c] and phase [rad] of the mesh error at mesh order, of all meshes alike."""
     share = p.e_amp[0] if p.e_amp else 0.0
@@ -139,11 +152,13 @@ def around_cancelling(
     """Survey of motions from all kinds of starts near the control that cancels the mesh error.
 
     Args:
-        n: odd number of phases within 0.02 rad, and of amplitudes within 2 %.
+        n: odd number of phases within ``NEAR`` rad, and of amplitudes within that share.
     """
     K, phase = cancelling(base)
-    near = Axis("control_phase", tuple(map(float, phase + np.linspace(-0.02, 0.02, n))))
-    return run_survey(runner, base, near, K * np.linspace(0.98, 1.02, n), Starts(1, 1), settings)
+    near = Axis("control_phase", tuple(map(float, phase + np.linspace(-NEAR, NEAR, n))))
+    return run_survey(
+        runner, base, near, K * np.linspace(1.0 - NEAR, 1.0 + NEAR, n), Starts(1, 1), settings
+    )
 
 
 def quiet(survey: Survey) -> Flags:

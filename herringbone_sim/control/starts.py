@@ -46,13 +46,18 @@ def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Start
     """States (n, n_start, n_state) at phase 0 of n gears, in the order of ``Starts.names``.
 
     At all of them the effects, if they have a period, are at the phase of mesh cycle 0. NaN where
-    the run without control failed.
+    the run without control failed, or no gear can have the parameters; ParameterError if none can.
     """
-    models = [runner.build(p) for p in sets]
+    every = [runner.built(p) for p in sets]
+    there = [model is not None for model in every]
+    if not any(there):
+        runner.build(sets[0])  # raises with the reason
+    models = [model for model in every if model is not None]
+    known = [p for p, built in zip(sets, there, strict=True) if built]
     columns = [np.array([initial_state(model) for model in models])]
     if starts.running:
-        free = [p.changed({"K": 0.0}) for p in sets]
-        period = runner.effect_period(sets[0])
+        free = [p.changed({"K": 0.0}) for p in known]
+        period = runner.effect_period(known[0])
         settings = replace(SETTLE, transient=-(-SETTLE.transient // period) * period)
         columns.append(runner.run(free, columns[0], settings).end)
     rng = np.random.default_rng(0)
@@ -65,4 +70,7 @@ def start_states(runner: MotionRunner, sets: Sequence[Parameters], starts: Start
         pairs = zip(models, draws, strict=True)
         columns.append(np.array([random_starts(m, 1, g)[0] for m, g in pairs]))
     # States that effects add are at rest, unless the gear was running.
-    return np.stack([with_added_states(models[0], states) for states in columns], axis=1)
+    states = np.stack([with_added_states(models[0], states) for states in columns], axis=1)
+    whole = np.full((len(sets), *states.shape[1:]), np.nan)
+    whole[there] = states
+    return whole

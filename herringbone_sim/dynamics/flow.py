@@ -143,6 +143,17 @@ def effect_cycles(model: Model) -> int:
         return 1
 
 
+def forcing_cycles(model: Model) -> int:
+    """Forcing period of a gear in mesh cycles, that of control and effects together.
+
+    Where they have none together, that of the effects, see ``effect_cycles``.
+    """
+    try:
+        return period_of(model)
+    except ParameterError:
+        return effect_cycles(model)
+
+
 def cycles_of(order: float, most: int = MOST_ORDER) -> int:
     """Mesh cycles after which a harmonic of an order (frequency over mesh frequency) repeats.
 

@@ -9,7 +9,7 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.dynamics.boundaries import Watch
 from herringbone_sim.dynamics.curve import Family
-from herringbone_sim.dynamics.flow import GearFlow, symmetry
+from herringbone_sim.dynamics.flow import GearFlow, period_of, symmetry
 from herringbone_sim.dynamics.turning import border_passes
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
@@ -35,13 +35,15 @@ class GearCache:
         if name not in SWEPT:
             raise ParameterError(f"orbits go over one of {', '.join(SWEPT)}, got {name!r}")
         self._p, self.name, self._actives = p, name, actives
+        controlled = build_with(p.changed({"K": 1.0}), actives) if name == "K" else None
+        self._cycles = None if controlled is None else period_of(controlled)
         self._cache: OrderedDict[float, GearFlow] = OrderedDict()
 
     def __call__(self, value: float) -> GearFlow:
         """Return the flow of the gear at a value; ParameterError if no gear can have it."""
         if value not in self._cache:
             p = self._p.changed({self.name: value})
-            self._cache[value] = GearFlow(build_with(p, self._actives))
+            self._cache[value] = GearFlow(build_with(p, self._actives), self._cycles)
             if len(self._cache) > CACHE_SIZE:
                 self._cache.popitem(last=False)
         return self._cache[value]

@@ -92,7 +92,7 @@ def read_recording(
         raise RecordingError(
             f"time must increase strictly, {raw.path} has {after!r} s after "
             f"{before!r} s at sample {jump}: mend the clock of the recorder, or read "
-            "with cut_at_jump=True the longest stretch without a jump"
+            "in Python with cut_at_jump=True the longest stretch without a jump"
         )
     if jump is not None:
         stretch = longest_stretch(times)

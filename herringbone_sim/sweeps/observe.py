@@ -33,7 +33,7 @@ from herringbone_sim.analysis.periods import MAX_PERIOD, MIN_REPEATS
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.batch import Batch, run_batch
 from herringbone_sim.core.model import Model, build, initial_state, relative
-from herringbone_sim.dynamics.flow import effect_cycles
+from herringbone_sim.dynamics.flow import forcing_cycles
 from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Sweep
@@ -93,7 +93,7 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
         gears = [assemble(model, actives) for model in all_models]
         batch = run_batch(gears, np.concatenate(starts), *length, before=before)
         batch = batch.of_gear(gears[0].layout)
-        longest = MAX_PERIOD * max(effect_cycles(gear) for gear in gears)
+        longest = MAX_PERIOD * max(forcing_cycles(gear) for gear in gears)
     first = 0
     for request, table, (built, reasons), chosen in zip(
         asked, tables, builds, models, strict=True
@@ -103,7 +103,7 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
             mine = _slice(batch, first, first + len(rows))
             periods = find_periods(mine.sections, longest)
             if look.points < MIN_REPEATS * (longest // MAX_PERIOD):
-                periods[periods == 0.0] = np.nan  # a period of the effects was not looked for
+                periods[periods == 0.0] = np.nan  # a period of the forcing was not looked for
             table["period"][rows] = periods
             _fill(table, rows, request.sweep, chosen, mine)
             for i, reason in zip(rows, mine.reasons, strict=True):

@@ -11,8 +11,9 @@ import pytest
 from herringbone_sim.control.amplitude import run_survey
 from herringbone_sim.control.robustness import DIFFERENCES, start_shares, survival
 from herringbone_sim.control.runs import ALIKE, MotionRunner, Motions, RunSettings
-from herringbone_sim.control.starts import Starts
+from herringbone_sim.control.starts import Starts, start_states
 from herringbone_sim.effects.written import read_effects
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis, with_sweep_steps
 
@@ -24,12 +25,25 @@ def paper():
 
 
 @pytest.mark.parametrize("what", sorted(DIFFERENCES))
-def test_a_difference_parts_the_halves_and_keeps_their_mean(what, paper):
-    unlike = paper.changed(DIFFERENCES[what](0.1))
-    values = np.reshape(getattr(unlike, what), (-1, 2))
-    unit = 2.0 * np.pi if what in ("phi_a", "mesh_phase") else 1.0
+@pytest.mark.parametrize("own", [None, 0.8])
+def test_a_difference_parts_the_halves_about_their_own_values(what, own, paper):
+    gear = paper if own is None else paper.changed({what: [own]})
+    unlike = gear.changed(DIFFERENCES[what](gear, 0.1))
+    values, mean = np.reshape(getattr(unlike, what), (-1, 2)), np.mean(getattr(gear, what))
+    unit = 2.0 * np.pi if what in ("phi_a", "mesh_phase") else mean
     np.testing.assert_allclose(values[:, 0] - values[:, 1], 0.1 * unit)
-    np.testing.assert_allclose(values.mean(axis=1), np.mean(getattr(paper, what)), atol=1e-15)
+    np.testing.assert_allclose(values.mean(axis=1), mean, atol=1e-15)
+
+
+def test_starts_of_a_gear_that_can_not_be_are_nan(paper):
+    """A backlash that closes between 0 and 100 K."""
+    small = paper.changed({"b": 0.25, "delta_T": 0.0})
+    sets = [small, small.changed({"delta_T": 100.0}), small]
+    states = start_states(MotionRunner(), sets, Starts(1, 1))
+    assert np.isnan(states[1]).all()
+    assert np.isfinite(states[[0, 2]]).all()
+    with pytest.raises(ParameterError, match="delta_T"):
+        start_states(MotionRunner(), sets[1:2], Starts(1, 1))
 
 
 def test_the_transverse_exponent_says_where_unlike_starts_end(paper):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from equations import reduced_accelerations
@@ -12,6 +14,7 @@ from herringbone_sim.control.shape import (
     around_cancelling,
     best,
     cancelling,
+    cancels,
     equivalent_error,
     in_periods,
     phases,
@@ -22,8 +25,10 @@ from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build, relative, state
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis
 
+PAPER = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
 LINEAR = {"b": 0.0, "gamma": 0.0, "k_amp": (), "e_m": 0.0, "T_1": 0.0, "xi": 0.1}
 
 
@@ -130,3 +135,25 @@ def test_the_control_cancels_a_mesh_error_of_any_amplitude_and_phase(error):
         return np.ptp(series.columns(model.layout.channels_of("x")), axis=0).max()
 
     assert moved(K) < 1e-9 * moved(0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "can"),
+    [
+        ({}, True),
+        ({"control_order": 0.5}, False),
+        ({"e_amp": (1.0, 0.6)}, False),
+        ({"control_on": (1.0, 1.0, 0.0, 0.0)}, False),
+        ({"Omega": 6.0}, False),  # K were 12.6
+        ({"e_m": 0.0}, False),
+    ],
+)
+def test_the_error_is_cancelled_by_a_control_of_its_order_on_all_equations(changes, can):
+    """Measured over the last 20 of 320 mesh cycles: next to no relative motion, or much of it."""
+    gear = load_parameters(PAPER).changed({"xi": 0.085} | changes)
+    assert cancels(gear) is can
+    K, phase = cancelling(gear)
+    if 0.0 < K < 10.0:
+        series, _ = simulate(build(gear.changed({"K": K, "control_phase": phase})), 320)
+        swing = np.ptp(series["x_sp_L"][-20 * gear.samples_per_cycle :]) / gear.b_c
+        assert bool(swing < 0.02) is can

@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.model import jacobian
-from herringbone_sim.dynamics.flow import GearFlow, cycles_of, settle, symmetry
+from herringbone_sim.dynamics.flow import GearFlow, cycles_of, forcing_cycles, settle, symmetry
+from herringbone_sim.dynamics.gear_family import GearCache
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 NONE = np.zeros((0, 8))
@@ -164,3 +165,15 @@ def test_what_has_no_tangents_and_what_has_no_bounds(gear):
         GearFlow(gear(method="rk4")).map(np.zeros(8))
     with pytest.raises(DivergenceError):
         GearFlow(gear()).advance(np.full(8, 1e9), NONE)
+
+
+def test_orbits_over_the_amplitude_have_one_forcing_period_at_zero_too(gear):
+    """A control of order one half repeats after two mesh cycles, one of amplitude 0 after one."""
+    gears = GearCache(gear(control_order=0.5).parameters, "K")
+    assert gears(0.0).cycles == gears(0.01).cycles == 2
+
+
+def test_the_forcing_repeats_with_control_and_effects_together(gear):
+    assert forcing_cycles(gear(K=0.1, control_order=0.05)) == 20
+    assert forcing_cycles(gear(K=0.0, control_order=0.05)) == 1
+    assert forcing_cycles(gear(K=0.1, control_order=2.0**0.5)) == 1  # none together

@@ -14,6 +14,7 @@ from herringbone_sim.api import NAMES
 from herringbone_sim.core import integrate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.recording.parameter_file import load_gear
 
 PAPER = "config/paper.yaml"
@@ -158,3 +159,41 @@ def test_what_is_not_installed_is_said_with_its_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(hb.HerringboneError, match=r"pip install 'herringbone_sim\[notebook\]'"):
         hb.catalogue().to_pandas()
+
+
+def test_a_diagram_observes_as_long_as_effects_and_control_need():
+    """A run-out repeats after 27 mesh cycles, a control of order 0.05 after 20."""
+    turned = hb.bifurcation(
+        PAPER, delta_T=[86.0, 90.0], effects="runout@sp:amplitude=2e-6,member=sun"
+    )
+    assert turned.period.tolist() == [27.0, 27.0]
+    steered = hb.bifurcation(
+        PAPER, delta_T=[88.0, 90.0], K=0.05, control_order=0.05, transient=600
+    )
+    assert steered.period.tolist() == [40.0, 40.0]
+
+
+def test_the_dimension_of_a_motion_with_equal_halves_is_that_of_the_symmetric_part():
+    found = hb.exponents(PAPER, delta_T=20.0, cycles=300, transient=300)
+    whole = kaplan_yorke(np.asarray(found.spectrum))
+    assert found.methods.symmetric is not None
+    own = float(dict(found.facts())["Kaplan-Yorke dimension"])
+    assert 1.0 < own < 4.0 < whole
+
+
+def test_a_run_goes_on_with_its_relative_motion_in_a_changed_gear():
+    before = hb.simulate(PAPER, cycles=20)
+    same = hb.simulate(PAPER, cycles=1, start=before)
+    for changes in ({"Omega": 1.2}, {"e_m": 0.5}, {"K": 0.1}):
+        changed = hb.simulate(PAPER, cycles=1, start=before, **changes)
+        for name in ("x_sp_L", "x_rp_R"):
+            assert changed[name][0] == pytest.approx(same[name][0], rel=1e-9)
+        assert changed["v_sp_L"][0] == pytest.approx(same["v_sp_L"][0], rel=1e-9)
+    for changes in ({"model": "full"}, {"effects": "ring_flexibility@rp"}):
+        with pytest.raises(hb.HerringboneError, match="start must be a run"):
+            hb.simulate(PAPER, cycles=1, start=before, **changes)
+
+
+def test_one_start_of_orbits_needs_no_list():
+    found = hb.orbits(PAPER, between=(84.0, 86.0), start=85.0)
+    assert len(found.branches) == 1

@@ -295,17 +295,19 @@ def _parts_of_step(model: Model) -> int:
     ``Parameters.steps`` knows the gear without effects. Effects add harmonics of other orders,
     windows of some width and seats that vibrate. In an interval in which one of them turns by z
     rad, the first term that a series of order n leaves out is z^(n + 1) / (n + 1)! of it; it
-    stays below ``LEFT_OUT``.
+    stays below ``LEFT_OUT``, or z is that of the gear's own highest harmonic.
     """
-    p, n = model.packed, model.parameters.order
+    p, known = model.packed, model.parameters
+    n = known.order
     acts = np.any([p.k_cos, p.k_sin, p.e_cos, p.e_sin], axis=(0, 2))
     orders = [*p.orders[acts], *p.load_orders, *(1.0 / p.events[:, 2])]
     added = slice(model.layout.n_coordinate, -1), slice(model.layout.n_mesh, None)
     squares = -np.diagonal(p.push[0][added]) * p.seat[:, 0]
     fastest = max(p.Omega * max(orders, default=0.0), np.sqrt(np.max(squares, initial=0.0)))
-    z = fastest * 2.0 * np.pi / (p.Omega * model.parameters.steps)
-    longest = (LEFT_OUT * math.factorial(n + 1)) ** (1.0 / (n + 1))
-    parts: int = max(1, math.ceil(z / longest))
+    z = fastest * 2.0 * np.pi / (p.Omega * known.steps)
+    own = 2.0 * np.pi * max(len(known.k_amp), len(known.e_amp)) / known.steps
+    longest = max(own, (LEFT_OUT * math.factorial(n + 1)) ** (1.0 / (n + 1)))
+    parts: int = max(1, math.ceil(z / longest - 1e-9))
     return parts
 
 
