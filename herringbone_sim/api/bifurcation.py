@@ -14,20 +14,13 @@ from herringbone_sim.api.gear import Gear, any_gear
 from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.dynamics.flow import forcing_cycles
-from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import (
-    STARTS,
-    Axis,
-    Observation,
-    Sweep,
-    first_value,
-    with_sweep_steps,
-)
+from herringbone_sim.sweeps.forcing import first_model, observation_of
+from herringbone_sim.sweeps.grid import STARTS, Axis, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.store import load_result, open_store
 from herringbone_sim.views.figures.diagram import diagram_figure
 
@@ -98,10 +91,9 @@ def _is_number(name: str) -> bool:
 def _forcing(base: Parameters, actives: Sequence[Active], axis: Axis) -> int:
     """Return the forcing period [mesh cycles] at the first value; 1 if no gear can have it."""
     try:
-        model = build_with(base.changed({axis.name: first_value(axis)}), actives)
+        return forcing_cycles(first_model(base, actives, (axis,)))
     except ParameterError:
         return 1
-    return forcing_cycles(model)
 
 
 @any_gear()
@@ -148,7 +140,7 @@ def bifurcation(
     others = {key: given for key, given in values.items() if key not in swept}
     base = with_sweep_steps(parameters.changed(others), others)
     axis = Axis(name, tuple(float(value) for value in along))
-    look = Observation.of_forcing(_forcing(base, actives, axis), transient, cycles)
+    look = observation_of(_forcing(base, actives, axis), transient, cycles)
     look = replace(look, mesh=base.layout.meshes[0])
     with tempfile.TemporaryDirectory() as unkept:
         stores = []

@@ -22,7 +22,6 @@ from herringbone_sim.cli.sweep import WAYS
 from herringbone_sim.cli.sweep_options import Gear, SweepOptions, observation_from, run_all
 from herringbone_sim.core.parameters import meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles, forcing_cycles
-from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
@@ -33,14 +32,8 @@ from herringbone_sim.sweeps.compare import (
     match_boundaries,
     shares,
 )
-from herringbone_sim.sweeps.grid import (
-    Axis,
-    Observation,
-    Sweep,
-    axis_from_text,
-    first_value,
-    with_sweep_steps,
-)
+from herringbone_sim.sweeps.forcing import first_model
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, axis_from_text, with_sweep_steps
 from herringbone_sim.sweeps.output import make_folder
 from herringbone_sim.sweeps.store import Store, load_result, open_store
 from herringbone_sim.views.figures.compare import compare_figure, starts_figure
@@ -108,12 +101,10 @@ def run(
         for name, gear in gears.items()
     }
     run_all([store for ways in stores.values() for store in ways.values()], sweep)
-    sides = [
-        GearSweeps(
-            name, {way: load_result(store) for way, store in ways.items()}, forcing[name][1]
-        )
-        for name, ways in stores.items()
-    ]
+    sides = []
+    for name, ways in stores.items():
+        results = {way: load_result(store) for way, store in ways.items()}
+        sides.append(GearSweeps(name, results, forcing[name][1]))
     write(options.out, sides[0], sides[1], facts(files, gears, sides))
     return 0
 
@@ -140,7 +131,7 @@ def forcing_of(name: str, gear: Gear, axis: Axis) -> tuple[int, int]:
     """
     base, actives = gear
     try:
-        model = build_with(base.changed({axis.name: first_value(axis)}), actives)
+        model = first_model(base, actives, (axis,))
     except ParameterError as error:
         raise ParameterError(f"{name} gear at {axis.name} = {axis.values[0]:g}: {error}") from None
     print(f"{name}:")

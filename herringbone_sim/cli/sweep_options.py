@@ -17,21 +17,13 @@ from herringbone_sim.cli.parameter_options import (
 )
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import forcing_cycles
-from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import effects_text
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.diagram import period_shares
 from herringbone_sim.sweeps.execute import run_stores
-from herringbone_sim.sweeps.grid import (
-    CHUNK,
-    REPEATS,
-    SMALL_CHUNK,
-    Axis,
-    Observation,
-    first_value,
-    with_sweep_steps,
-)
+from herringbone_sim.sweeps.forcing import REPEATS, first_model, observation_of
+from herringbone_sim.sweeps.grid import CHUNK, SMALL_CHUNK, Axis, Observation, with_sweep_steps
 from herringbone_sim.sweeps.store import Result, Store
 
 SEEN = Observation()
@@ -73,10 +65,10 @@ def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Obse
 
     Args:
         mesh: mesh whose section displacements are stored.
-        forcing: period of control and effects in mesh cycles, see ``Observation.of_forcing``.
+        forcing: period of control and effects in mesh cycles, see ``forcing.observation_of``.
     """
     exponents = not options.no_exponents
-    result = Observation.of_forcing(forcing, options.transient, options.cycles, exponents)
+    result = observation_of(forcing, options.transient, options.cycles, exponents)
     if result.points < MIN_REPEATS * forcing:
         why = f"the forcing repeats after {forcing} mesh cycles, and " if forcing > 1 else ""
         print(
@@ -98,8 +90,7 @@ def observation_of_gear(
     """
     base, actives = gear
     try:
-        p = base.changed({axis.name: first_value(axis) for axis in axes})
-        model = build_with(p, actives)
+        model = first_model(base, actives, axes)
     except ParameterError:  # no gear at this value
         if actives:
             print(f"with effects: {effects_text(actives)}")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from herringbone_sim.analysis.periods import MIN_REPEATS
 from herringbone_sim.core.integrate import State
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, meaning, to_mapping
@@ -24,8 +23,6 @@ STARTS = ("fixed", "up", "down", "ramp_up", "ramp_down")
 KERNEL = {"order": 14, "steps_per_cycle": 8, "samples_per_cycle": 1}
 CHUNK, SMALL_CHUNK = 256, 16  # values in a part, see ``default_chunk``
 MOST_VALUES = 1_000_000  # values of an axis
-REPEATS = 2 * MIN_REPEATS  # forcing periods to observe: a motion of two is detected too
-LONGEST = 100  # longest forcing period [mesh cycles] of which REPEATS are observed unasked
 UNSWEPT = ("n_planets", "order")  # equal for all values of one batch
 
 
@@ -58,11 +55,6 @@ class Axis:
         return len(self.values)
 
 
-def first_value(axis: Axis) -> float:
-    """Return the first value, of K the largest: a control of 0 has no period."""
-    return max(axis.values, key=abs) if axis.name == "K" else axis.values[0]
-
-
 @dataclass(frozen=True)
 class Observation:
     """Length of the run at each value and the quantities computed from it.
@@ -80,20 +72,6 @@ class Observation:
     points: int = 100
     exponents: bool = True
     mesh: str = ""
-
-    @classmethod
-    def of_forcing(
-        cls, forcing: int, transient: int = 300, cycles: int | None = None, exponents: bool = True
-    ) -> Observation:
-        """Return an observation long enough for a forcing that repeats after mesh cycles.
-
-        ``REPEATS`` periods or more are observed if ``cycles`` says so or, without it, if the
-        period is at most ``LONGEST``.
-        """
-        long = forcing <= LONGEST or cycles is not None
-        points = max(cls.points, REPEATS * forcing if long else 0)
-        cycles = points if cycles is None else cycles
-        return cls(transient, cycles, min(cycles, points), exponents)
 
     def __post_init__(self) -> None:
         if self.transient < 0 or not 1 <= self.points <= self.cycles:
