@@ -98,7 +98,7 @@ def _tracks(
     series: TimeSeries, motion: Motion, changes: Sequence[Change], base: Mapping[str, float]
 ) -> list[ParameterHistory]:
     """Tracks of all parameters: from channels, from the mesh frequency, from given changes."""
-    columns = [name for name in COLUMNS if name in series and np.isfinite(series[name]).all()]
+    columns = [name for name in COLUMNS if name in series and np.isfinite(series[name]).any()]
     tracks = [_track_of_column(name, series[name], motion) for name in columns]
     tracks.append(_track_of_frequency(motion))
     moved = {name for _, values in changes for name in values if name in EVENTS}
@@ -108,6 +108,9 @@ def _tracks(
 
 def _track_of_column(name: str, values: Array, motion: Motion) -> ParameterHistory:
     """History of a parameter that is a channel (n,); constant at its mean if it is measured."""
+    known = np.isfinite(values)
+    if not known.all():
+        values = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
     steps = np.diff(values)
     rows = np.flatnonzero(steps) + 1
     both_ways = rows.size and 0.1 < np.mean(steps[rows - 1] > 0) < 0.9

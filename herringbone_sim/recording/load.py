@@ -92,8 +92,9 @@ class _Samples:
         """
         names, rows = decode_samples(scanned.message)
         if not self.topic:
-            self.topic, self.names = scanned.topic.name, names
+            self.names = names
             self._check_names()
+            self.topic = scanned.topic.name
         if scanned.topic.name != self.topic:
             raise RecordingError(
                 f"a run must hold the samples of one node, {self.path} has "

@@ -19,6 +19,7 @@ from herringbone_sim.recording.cdr import Buffer, CdrReader, CdrWriter, checked
 
 # One sample must fit into 64 kB, which UDP sends in one piece.
 MOST_CHANNELS = 8000
+MOST_S = 2.0**31  # seconds that a stamp of ROS can hold
 
 Value = bool | int | float | str | bytes | list[bool] | list[int] | list[float] | list[str] | None
 
@@ -117,6 +118,10 @@ def encode_joint_state(
         raise RecordingError(
             f"position, velocity and effort must be as long as the {len(names)} names, got "
             f"{', '.join(str(len(array)) for array in arrays)}: give one value a mesh in each"
+        )
+    if not -MOST_S <= stamp_ns / 1e9 < MOST_S:
+        raise RecordingError(
+            f"a stamp must be below 2^31 s, got {stamp_ns / 1e9:g} s: time counts seconds"
         )
     out = CdrWriter()
     out.pack("iI", *divmod(stamp_ns, 10**9))

@@ -9,6 +9,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import listed
 
 # Largest distance of a reading from the sample that it stands beside, in sample steps: as between
 # files of one clock, see ``importing.clock``.
@@ -32,6 +33,9 @@ def beside(samples: TimeSeries, others: Sequence[OtherSamples]) -> tuple[TimeSer
     notes = []
     for topic, names, rows in others:
         taken = [name for name in names if name not in samples.names]
+        twice = [name for name in names if name not in taken and name not in ("t", "phase")]
+        if twice:
+            notes.append(f"{listed(twice)} of {topic} is left out: another topic has it, too")
         reading, at = _coincident(samples.times, rows[:, names.index("t")])
         if len(reading) and taken:
             columns = np.full((len(samples), len(taken)), np.nan)

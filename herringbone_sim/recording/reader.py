@@ -105,7 +105,14 @@ def read_recording(
             f"{where} are left out"
         )
         times, rows = times[stretch], rows[stretch]
-    samples, notes = beside(TimeSeries(times, rows, raw.names), raw.others)
+    # Where time jumps, nothing tells of which stretch a reading is.
+    samples, notes = beside(TimeSeries(times, rows, raw.names), raw.others if jump is None else ())
+    if jump is not None:
+        notes += [
+            f"the readings of {other.topic} are left out: time jumps, so it is not known beside "
+            "which samples they stand"
+            for other in raw.others
+        ]
     notes = [*raw.notes, *notes]
     at = None if jump is None else before
     return Recording(

@@ -65,7 +65,7 @@ class GapNode(GuardedNode):
 
     def __init__(self, plan: Plan, **options: Any) -> None:
         super().__init__(NAME, **options)
-        prefixes = [namespace.rstrip("/") for namespace in (plan.rig, plan.simulator)]
+        prefixes = ["/" + namespace.strip("/") for namespace in (plan.rig, plan.simulator)]
         rig, simulator = (SampleStream(f"{prefix}/samples") for prefix in prefixes)
         self.comparison = Comparison(rig, simulator, plan.nominal, plan.noise_share)
         self._listeners = [_Listener(self, stream) for stream in (rig, simulator)]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import functools
 import re
-import textwrap
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -27,7 +26,7 @@ CUT = " ... "  # stands for the middle of a longer one
 
 def one_line(text: str) -> str:
     """Text on one line of ``LONGEST_LINE`` characters at most; a longer one loses its middle."""
-    plain = textwrap.shorten(text, len(text) + 1)
+    plain = " ".join(text.split())
     if len(plain) <= LONGEST_LINE:
         return plain
     half = (LONGEST_LINE - len(CUT)) // 2

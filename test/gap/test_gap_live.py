@@ -17,10 +17,10 @@ from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError, ParameterError, RecordingError
-from herringbone_sim.gap.stream.analysis import residual
+from herringbone_sim.gap.stream.analysis import motion_at_operating_point, residual
 from herringbone_sim.gap.stream.buffer import SampleBuffer
 from herringbone_sim.gap.stream.comparison import Comparison, ComparisonResult, SampleStream
-from herringbone_sim.recording.messages import encode_samples
+from herringbone_sim.recording.messages import encode_joint_state, encode_samples
 from herringbone_sim.views.mirror.live_text import bar, data, line, table
 from herringbone_sim.views.mirror.target import MirrorTarget
 
@@ -349,3 +349,43 @@ def test_a_picture_that_cannot_be_drawn_is_told_and_the_next_is(
     mirror.show(bench.comparison.update())
     assert mirror.state == "running"
     assert mirror.close().startswith("mirrored")
+
+
+def test_a_measured_operating_point_is_no_break() -> None:
+    intake, noisy_rows = SampleBuffer(), rows(1000)
+    rng = np.random.default_rng(0)
+    noisy_rows[:, 2] += 0.5 * rng.normal(size=1000)  # a thermometer [K]
+    noisy_rows[100:110, 2] = np.nan
+    noisy_rows[:, 1] += 0.02 * rng.normal(size=1000)  # an encoder [rad], a tenth of a step
+    intake.put(NAMES, noisy_rows)
+    taken = intake.take()
+    assert taken is not None
+    assert len(taken) == 1000
+
+
+def test_a_change_of_a_measured_operating_point_is_one() -> None:
+    intake, noisy_rows = SampleBuffer(), rows(1000)
+    noisy_rows[:, 2] += 0.5 * np.random.default_rng(0).normal(size=1000)
+    noisy_rows[600:, 2] += 5.0
+    intake.put(NAMES, noisy_rows)
+    taken = intake.take()
+    assert taken is not None
+    assert 390 <= len(taken) <= 410
+
+
+def test_times_that_no_stamp_can_hold_are_refused() -> None:
+    with pytest.raises(RecordingError, match="below 2"):
+        SampleBuffer().put(NAMES, rows(5, 3e9))
+    with pytest.raises(RecordingError, match="below 2"):
+        encode_joint_state(3 * 10**18, ("sp1_L",), *np.ones((3, 1)))
+
+
+def test_what_is_not_recorded_counts_as_the_rest(stiff: TimeSeries) -> None:
+    data = stiff.data.copy()
+    x = stiff.names.index("x_sp1_L")
+    data[:, x] = 1.0  # far in drive contact
+    data[1::2, x] = np.nan
+    data[::3, stiff.names.index("delta_T")] = np.nan
+    found = motion_at_operating_point(TimeSeries(stiff.times, data, stiff.names), NOMINAL)
+    assert found.contact_shares[found.meshes.index("sp1_L")].tolist() == [0.0, 0.0, 1.0]
+    assert found.point["delta_T"] == POINTS[0]["delta_T"]

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
@@ -65,8 +66,8 @@ def operating_point(
     """
     point, remarks = {}, []
     for name in ("delta_T", "K", "T_1"):
-        if name in series:
-            point[name] = float(np.median(series[name]))
+        if name in series and np.isfinite(series[name]).any():
+            point[name] = float(np.nanmedian(series[name]))
         else:
             from_where = declared if name in declared else vars(nominal)
             point[name] = float(from_where[name])
@@ -132,12 +133,18 @@ def motion_statistics(series: TimeSeries, model: Model) -> MotionStatistics:
     contact = np.full((len(meshes), 3), np.nan)
     for j, mesh in enumerate(meshes):
         if f"F_{mesh}" in series:
-            force[j] = np.sum(series[f"F_{mesh}"] ** 2)
+            force[j] = _known_sum(series[f"F_{mesh}"] ** 2)
         if f"x_{mesh}" in series:
             x, b = series[f"x_{mesh}"], model.half_backlash_m[j]
-            back, drive = int(np.sum(x < -b)), int(np.sum(x > b))
-            contact[j] = back, len(x) - back - drive, drive
+            states = np.array([x < -b, np.abs(x) <= b, x > b])
+            contact[j] = [_known_sum(np.where(np.isfinite(x), state, np.nan)) for state in states]
     return MotionStatistics(meshes, point, len(series), force, contact)
+
+
+def _known_sum(values: Array) -> float:
+    """Return the sum of values (n,), those that are NaN taken as the mean of the others."""
+    known = values[np.isfinite(values)]
+    return float(np.mean(known)) * len(values) if len(known) else float("nan")
 
 
 def motion_at_operating_point(

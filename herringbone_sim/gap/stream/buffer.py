@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError, listed
+from herringbone_sim.recording.messages import MOST_S
 
 MOST, LEAST = 2048, 64  # samples of a stretch
+SMOOTH = 64  # samples over which a measured operating point is smoothed
 POINT_DRIFT = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative
 SPEED_TOLERANCE = 0.05  # relative drift of the mesh frequency in a stretch
 
@@ -55,8 +58,11 @@ class SampleBuffer:
         if not len(rows):
             return
         times = rows[:, names.index("t")]
-        if not np.isfinite(times).all():
-            raise RecordingError("a block holds a time t that is no number: check the rig's clock")
+        if not (np.abs(times) < MOST_S).all():
+            raise RecordingError(
+                "a block holds a time t that is no number of seconds below 2^31: check the rig's "
+                "clock"
+            )
         self.received += len(rows)
         if names != self.names:
             self.restarts += bool(self.names)
@@ -100,15 +106,25 @@ class SampleBuffer:
 
 
 def _last_change(names: tuple[str, ...], rows: Array) -> int:
-    """Return the index from which on all rows (n, c) have the last row's operating point."""
+    """Return the index from which on all rows (n, c) have the last row's operating point.
+
+    It may be measured: medians of ``SMOOTH`` readings are compared, and mean speeds over as many
+    steps. A change of speed in the last ``SMOOTH / 2`` samples is not seen yet.
+    """
     other = np.zeros(len(rows), dtype=bool)
     for name, tolerance in POINT_DRIFT.items():
-        if name in names:
-            values = rows[:, names.index(name)]
-            limit = tolerance * abs(values[-1]) if name == "T_1" else tolerance
-            other |= np.abs(values - values[-1]) > limit
+        values = rows[:, names.index(name)] if name in names else np.empty(0)
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known) < 2:
+            continue
+        level = median_filter(values[known], min(SMOOTH, len(known)), mode="reflect")
+        noise = float(np.median(np.abs(np.diff(values[known]))))
+        limit = tolerance * abs(level[-1]) if name == "T_1" else tolerance
+        other[known] |= np.abs(level - level[-1]) > limit + noise
     if "phase" in names and len(rows) > 16:
-        speed = np.diff(rows[:, names.index("phase")]) / np.diff(rows[:, names.index("t")])
-        last = float(np.median(speed[-16:]))
-        other[:-1] |= np.abs(speed - last) > SPEED_TOLERANCE * abs(last)
+        k = min(SMOOTH, len(rows) // 2)
+        phase, t = rows[:, names.index("phase")], rows[:, names.index("t")]
+        speed = (phase[k:] - phase[:-k]) / (t[k:] - t[:-k])
+        changed = np.abs(speed - speed[-1]) > SPEED_TOLERANCE * abs(speed[-1])
+        other[k // 2 : k // 2 + len(speed)] |= changed
     return int(np.flatnonzero(other)[-1]) + 1 if other.any() else 0

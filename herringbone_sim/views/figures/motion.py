@@ -100,10 +100,13 @@ def draw_spectrum(axes: Axes, result: SegmentResult, mesh: str, scale: Scale) ->
     """Draw the amplitude over mesh order up to 5; marks at the foot: orders h / n, period n."""
     spectrum = result.spectrum
     axes.set(title="spectrum", xlabel=r"frequency / mesh frequency", ylabel=scale.x_label(mesh))
-    if spectrum is None:
-        axes.text(0.5, 0.5, "too few cycles", transform=axes.transAxes, ha="center", color=GREY)
+    amplitudes = np.zeros(0)
+    if spectrum is not None:
+        amplitudes = spectrum.amplitudes[:, result.motion.meshes.index(mesh)] / scale.x
+    if spectrum is None or not amplitudes.any():
+        why = "too few cycles" if spectrum is None else "no motion"
+        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", color=GREY)
         return
-    amplitudes = spectrum.amplitudes[:, result.motion.meshes.index(mesh)] / scale.x
     top = min(5.0, float(spectrum.orders[-1]))
     drawn = (spectrum.orders > 0.02) & (spectrum.orders <= top)
     axes.semilogy(spectrum.orders[drawn], np.maximum(amplitudes[drawn], 1e-300), color=BLUE)

@@ -40,7 +40,8 @@ def line(picture: ComparisonResult) -> str:
     """Return one line: size of the residual and where most of it is, or why there is none."""
     residual = picture.residual
     if residual is None:
-        return "no residual: " + ("; ".join(picture.remarks) or "no samples yet")
+        why = "; ".join(picture.remarks) or "too few samples at one operating point yet"
+        return f"no residual: {why}"
     text = f"t = {residual.t_s:.4f} s  {headline(residual)}  {_largest_shares(residual)}"
     stale = [remark for remark in picture.remarks if remark not in residual.remarks]
     return "; ".join([text, *stale])

@@ -66,7 +66,7 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
         recording: with any subset of the channels.
         nominal: use the nominal gear if the recording has no parameters.
     """
-    samples = recording.samples
+    samples = with_held_point(recording.samples)
     gear, notes = gear_of(recording, nominal)
     names = samples.names if "t" in samples else ("t", *samples.names)
     rows = samples.data if "t" in samples else np.column_stack((samples.times, samples.data))
@@ -79,6 +79,17 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
     except AnalysisError as error:
         notes += [f"no section points: {error}"]
     return Replay(names, rows, sections, noise, layout_of(names), gear, tuple(notes))
+
+
+def with_held_point(samples: TimeSeries) -> TimeSeries:
+    """Return samples whose ``OPERATING`` channels keep the last reading where they have none."""
+    data = samples.data.copy()
+    for column in (samples.names.index(name) for name in OPERATING if name in samples):
+        known = np.flatnonzero(np.isfinite(data[:, column]))
+        if len(known):
+            last = np.searchsorted(known, np.arange(len(data)), side="right") - 1
+            data[:, column] = data[known[np.maximum(last, 0)], column]
+    return TimeSeries(samples.times, data, samples.names)
 
 
 def replay_blocks(
