@@ -101,7 +101,7 @@ def force_column(function: Function, m: MeshMotion, law: Law) -> Array:
     g = g[:, None] if g.ndim == 1 else g
     slot = function.slot
     if slot == "kappa":
-        return law.k * law.f * g
+        return m.k * law.f * g
     if slot == "mean_kappa":
         return m.k_m * law.f * g
     if slot == "d":

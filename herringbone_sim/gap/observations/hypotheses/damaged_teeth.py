@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.core.model import mesh_phases
 from herringbone_sim.diagnosis.machine import Amplitudes, Hypothesis
 from herringbone_sim.diagnosis.products import Block, residual_without_nuisance
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
-from herringbone_sim.effects.site import is_ring, planet_angles
+from herringbone_sim.effects.site import is_ring, planet_angles, whole_cycles
 from herringbone_sim.gap.observations import force_law, torque_balance
 from herringbone_sim.gap.observations.basis import Function
 from herringbone_sim.gap.observations.gear import GearObservations
@@ -47,17 +48,27 @@ BUMP = contact_shape(KNOTS)
 
 
 def mesh_delays(gear: GearObservations, member: str) -> Iterator[tuple[str, Array]]:
-    """Yield the name of each assembly tried and the delays (n_mesh,) of a tooth [mesh cycles]."""
+    """Yield the name of each assembly tried and the delays (n_mesh,) of a tooth [mesh cycles].
+
+    By the angles of the planets, and in step with k(t) of each mesh, see ``site.whole_cycles``.
+    """
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
+    ahead = mesh_phases(gear.model.parameters) / (2.0 * np.pi)
     if member == "planet":
-        for half in dict.fromkeys((0.5 * cycles, np.floor(0.5 * cycles), np.ceil(0.5 * cycles))):
-            yield f"{half:g}", half * is_ring(gear.model.layout)
+        ring = is_ring(gear.model.layout)
+        late = 0.5 * cycles * ring
+        tried = [late]
+        for whole in (np.floor, np.ceil):
+            tried.append(np.where(ring > 0.0, whole(late + ahead), np.rint(ahead)) - ahead)
+        for way in {tuple(np.round(way, 9)): way for way in tried}.values():
+            yield f"{way[-1]:g}", way
         return
     turn = planet_angles(gear.model) / (2.0 * np.pi) * cycles
     for name, late in (("forward", turn), ("backward", -turn)):
         yield name, late
-        if not np.allclose(np.rint(late), late):
-            yield f"{name} in step", np.rint(late)
+        in_step = np.rint(late + ahead) - ahead
+        if not np.allclose(in_step, late):
+            yield f"{name} in step", in_step
 
 
 def tooth_meets(member: str, locus: Locus) -> bool:
@@ -203,7 +214,7 @@ def _best_events(
         ways = (
             list(mesh_delays(gear, member))
             if mask.sum() > 1
-            else [("alone", np.zeros(layout.n_mesh))]
+            else [("alone", whole_cycles(gear.model, mask.astype(float), {"member": member})[2])]
         )
         for _, late in ways:
             shift = np.rint(late * BINS_PER_CYCLE).astype(int)

@@ -20,6 +20,7 @@ from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import Block
 from herringbone_sim.effects.effect import Locus
 from herringbone_sim.effects.registry import effects as known_effects
+from herringbone_sim.effects.site import whole_cycles
 from herringbone_sim.gap.observations import force_law
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.hypotheses.damaged_teeth import (
@@ -169,9 +170,11 @@ def _best_events(
     for locus in known_effects()[kind].candidates(layout):
         # In windows shorter than a revolution, only its meshes tell a planet's tooth from others.
         if tooth_meets(member, locus) and (member == "planet") == (locus.planet != "all"):
-            several = np.count_nonzero(locus.mask(layout)) > 1
-            ways = [late for _, late in mesh_delays(gear, member)] if several else [0.0]
-            sought += [(locus, late * np.ones(layout.n_mesh)) for late in ways]
+            mask = locus.mask(layout)
+            ways = [late for _, late in mesh_delays(gear, member)]
+            if np.count_nonzero(mask) == 1:
+                ways = [whole_cycles(gear.model, mask, {"member": member})[2]]
+            sought += [(locus, late) for late in ways]
     A, b = np.zeros((2, len(sought), bins))
     for contacts in runs:
         folded = contacts.folded(kind, bins)

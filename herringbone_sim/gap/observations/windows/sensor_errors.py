@@ -55,6 +55,7 @@ def with_sensor_errors(s: Windows, amplitudes: Mapping[str, float]) -> Windows:
         weight=s.weight * share,
         delay=delay,
         clock=clock,
+        share=share,
     )
 
 
@@ -72,7 +73,8 @@ def error_columns(
         for error in ERROR_KINDS:
             if f"{error} of {name}" in names:
                 alone = np.zeros_like(s.weight)
-                alone[:, :, i] = s.weight[:, :, i] * _error_signal(s, solution, exact, i, error)
+                weight = s.weight / s.share if error in ("gain", "bias") else s.weight
+                alone[:, :, i] = weight[:, :, i] * _error_signal(s, solution, exact, i, error)
                 columns[f"{error} of {name}"] = alone.ravel()
     for pair in exchangeable(s.channels.names):
         swap = f"{SWAP_PREFIX}{' and '.join(pair)}"

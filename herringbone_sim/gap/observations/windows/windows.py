@@ -54,6 +54,7 @@ class Windows:
         delay, clock: (k,) delay [s] and relative clock error of each channel, which shows
             y(t - delay - clock t), t from the start of the recording.
         jump_sd: standard deviation of a jump between windows, over ``scale``.
+        share: (k,) 1 plus the gain error of each channel, which ``weight`` contains.
     """
 
     run: PreparedRun
@@ -72,6 +73,7 @@ class Windows:
     delay: Array
     clock: Array
     jump_sd: float = JUMP_SD
+    share: Array | float = 1.0
 
     @property
     def n_windows(self) -> int:
