@@ -182,6 +182,17 @@ def test_wrong_options_are_refused(
     assert words in capsys.readouterr().err
 
 
+def test_a_dead_gauge_is_drawn_without_a_warning(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    series = harmonic_series(60, {1.0: 3e-5})
+    dead = series.data.copy()
+    dead[:, [i for i, name in enumerate(series.names) if name.startswith("x_")]] = 0.0
+    run = _record(tmp_path, "dead", TimeSeries(series.times, dead, series.names))
+    assert main(["analyze", str(run), "--out", str(tmp_path / "out")]) == 0
+    assert not [w for w in recwarn if "ylim" in str(w.message)]
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
@@ -190,6 +201,7 @@ def test_wrong_options_are_refused(
         (["--transient", "-1"], "--transient must be >= 0, got '-1'"),
         (["--transient", "2.5"], "--transient must be a whole number, got '2.5'"),
         (["--mesh-frequency", "0"], "--mesh-frequency must be > 0.0, got '0'"),
+        (["--max-period", "0"], "--max-period must be >= 1, got '0'"),
     ],
 )
 def test_numbers_out_of_range_are_refused(

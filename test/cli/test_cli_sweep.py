@@ -80,3 +80,15 @@ def test_another_sweep_in_the_folder_is_refused(
     assert main(command) == 0
     assert main([*command, "--set=xi=0.1"]) == 2
     assert "holds another sweep (xi: 0.07, 0.1)" in capsys.readouterr().err
+
+
+def test_few_cycles_are_told_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A plain gear has no forcing beside the mesh; a control of order 0.25 repeats after four."""
+    common = ["sweep", PAPER, "--over=delta_T=85", "--transient=5", "--cycles=1", "--workers=1"]
+    assert main([*common, "--out", str(tmp_path / "a")]) == 0
+    assert "\n1 mesh cycles are observed: no period is told" in f"\n{capsys.readouterr().out}"
+    steered = [*common, "--set=K=0.1", "--set=control_order=0.25"]
+    assert main([*steered, "--out", str(tmp_path / "b")]) == 0
+    assert "the forcing repeats after 4 mesh cycles, and 1" in capsys.readouterr().out

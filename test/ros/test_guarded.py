@@ -142,3 +142,7 @@ def test_an_error_of_the_executor_is_counted_and_ends_nothing(bench: Bench) -> N
     executor.shutdown()
     assert node.refused == 3
     assert "turn 2" in node.last_refused
+
+
+def test_short_texts_stay_as_they_are() -> None:
+    assert [one_line(text) for text in ("", "OK", " a\n b ")] == ["", "OK", "a b"]

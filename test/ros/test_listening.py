@@ -132,3 +132,11 @@ def test_the_command_tells_what_is_missing_and_ends_well_on_an_interrupt(domain:
     assert "nothing on /rig/samples yet" in first
     assert running.returncode == 0, errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("prefix", ["rig", "/rig", "/rig/"])
+def test_a_prefix_needs_no_slash(bench: Bench, prefix: str) -> None:
+    node = GapNode(Plan(prefix, "/sim", NOMINAL), context=bench.context)
+    assert node.comparison.rig.topic == "/rig/samples"
+    assert "/rig: simulator" in node._streams
+    node.destroy_node()
