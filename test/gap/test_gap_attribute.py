@@ -17,6 +17,7 @@ from herringbone_sim.gap.attribution.effect_forces import (
     expected_forces,
     force_function_with_effects,
     fused_run,
+    instants,
 )
 from herringbone_sim.gap.data.mesh_excitation import waves
 from herringbone_sim.gap.data.prepared import Measured, PreparedRun
@@ -124,7 +125,8 @@ def test_a_common_filter_acts_on_the_law_between_samples_as_at_them(
     actives: tuple[Active, ...],
 ) -> None:
     plain, factors = made(())[0], np.ones(6)
-    one = replace(plain, run=with_delayed_waves(plain.run, 2e-5, 0.8))
+    late = with_delayed_waves(plain.run, 2e-5, 0.8)
+    one = replace(plain, run=late, now=instants(late))
     x, v, run = one.fused.x, one.fused.v, one.run
     found = force_function_with_effects(one, factors, actives)(
         run.phase, x + run.waves.e, v + run.waves.e_rate

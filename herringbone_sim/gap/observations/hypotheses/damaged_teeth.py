@@ -45,6 +45,7 @@ def contact_shape(s: Array) -> Array:
 
 
 BUMP = contact_shape(KNOTS)
+WHOLE = np.floor, np.ceil
 
 
 def mesh_delays(gear: GearObservations, member: str) -> Iterator[tuple[str, Array]]:
@@ -55,11 +56,9 @@ def mesh_delays(gear: GearObservations, member: str) -> Iterator[tuple[str, Arra
     cycles = force_law.cycles_per_member_turn(gear.model)[member]
     ahead = mesh_phases(gear.model.parameters) / (2.0 * np.pi)
     if member == "planet":
-        ring = is_ring(gear.model.layout)
-        late = 0.5 * cycles * ring
-        tried = [late]
-        for whole in (np.floor, np.ceil):
-            tried.append(np.where(ring > 0.0, whole(late + ahead), np.rint(ahead)) - ahead)
+        late = 0.5 * cycles * is_ring(gear.model.layout)
+        whole = [np.where(late > 0.0, to(late + ahead), np.rint(ahead)) for to in WHOLE]
+        tried = [late, *(way - ahead for way in whole)]
         for way in {tuple(np.round(way, 9)): way for way in tried}.values():
             yield f"{way[-1]:g}", way
         return
@@ -211,20 +210,15 @@ def _best_events(
         if not tooth_meets(member, locus):
             continue
         mask = locus.mask(layout) > 0.0
-        ways = (
-            list(mesh_delays(gear, member))
-            if mask.sum() > 1
-            else [("alone", whole_cycles(gear.model, mask.astype(float), {"member": member})[2])]
-        )
-        for _, late in ways:
+        ways = [late for _, late in mesh_delays(gear, member)]
+        if mask.sum() == 1:
+            ways = [whole_cycles(gear.model, mask.astype(float), {"member": member})[2]]
+        for late in ways:
             shift = np.rint(late * BINS_PER_CYCLE).astype(int)
             total_A = sum(np.roll(A[j], -shift[j]) for j in np.flatnonzero(mask))
             total_b = sum(np.roll(b[j], -shift[j]) for j in np.flatnonzero(mask))
-            fall = (
-                total_b**2
-                / np.maximum(total_A, 1e-300)
-                * (total_b > 0.0 if kind == "tooth_crack" else 1.0)
-            )
+            fall = total_b**2 / np.maximum(total_A, 1e-300)
+            fall *= total_b > 0.0 if kind == "tooth_crack" else 1.0
             top = int(np.argmax(fall))
             middle = (top - wide + 1 + 0.5 * wide) / BINS_PER_CYCLE % cycles
             event = Event(kind, locus, member, cycles, float(middle), tuple(late.tolist()))
