@@ -180,6 +180,16 @@ def test_a_gauge_that_the_first_run_lacks_has_its_tolerance() -> None:
     assert Search(machine).null.in_sample > 0.0
 
 
+def test_gauges_of_different_runs_are_all_followed() -> None:
+    runs = simulate_campaign(FULL, POINTS, (*SHAFTS, "F_pin1", "F_pin2"), SensorNoise(), 20).runs
+    first, second = (
+        run.without("pin", np.array([n != own for n in range(3)])) for own, run in enumerate(runs)
+    )
+    gear = GearObservations((first, second))
+    assert gear.gauges == ("F_pin1", "F_pin2")
+    assert Search(GearMachine(gear)).null.in_sample > 0.0
+
+
 def test_gaps_of_a_recorded_operating_point_contradict_nothing() -> None:
     run = recorded(points=POINTS[:1], cycles=12)[0]
     temperature = np.full(len(run), 60.0)

@@ -86,7 +86,7 @@ class GearObservations(RecordedGear):
             trajectory.NAME: window_columns.function_names(
                 self.model,
                 (*self.law_functions, *self.body_functions),
-                self.followed_channels.names,
+                self.followed_channels,
             )
             if self.uses_windows
             else (),

@@ -159,7 +159,7 @@ def forces_of_run(
     size = float(np.sqrt(np.mean(np.square(noise))))
     for run in sorted(runs, key=lambda run: run.role != "held_out"):
         gear = machine.for_runs([run]).gear
-        names = gear.followed_channels.names if gear.has_windows_of(0) else ()
+        names = gear.followed_channels if gear.has_windows_of(0) else ()
         if names and window_channels(run).names == names:
             return reconstructed_forces(machine, run, fit, size)
     return None

@@ -19,7 +19,7 @@ from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations import consistency, force_law, torque_balance
 from herringbone_sim.gap.observations.runs import GearRun, gear_run
 from herringbone_sim.gap.observations.windows import trajectory
-from herringbone_sim.gap.observations.windows.channels import WindowChannels, window_channels
+from herringbone_sim.gap.observations.windows.channels import window_channels
 from herringbone_sim.gap.observations.windows.integrator import BODIES
 from herringbone_sim.gap.observations.windows.memory import StateMemory
 from herringbone_sim.gap.observations.windows.sensor_errors import SWAP_PREFIX
@@ -160,14 +160,14 @@ class RecordedGear:
         return tuple(name for name, known in there.items() if known)
 
     @cached_property
-    def followed_channels(self) -> WindowChannels:
-        """Channels to which windows are fitted, as in the run with most of them."""
-        return max((window_channels(g.run) for g in self.runs), key=lambda c: len(c.names))
+    def followed_channels(self) -> tuple[str, ...]:
+        """Names of the channels to which windows are fitted in any run."""
+        return tuple(dict.fromkeys(n for g in self.runs for n in window_channels(g.run).names))
 
     @property
     def gauges(self) -> tuple[str, ...]:
         """Names of force channels to which windows are fitted; empty without windows."""
-        return self.followed_channels.gauges if self.uses_windows else ()
+        return tuple(n for n in self.followed_channels if n[0] == "F") if self.uses_windows else ()
 
     def trajectory_of(self, r: int) -> Trajectory:
         """Windows of run r, shared by all copies."""

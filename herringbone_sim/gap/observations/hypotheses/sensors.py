@@ -111,7 +111,7 @@ def window_sensor_errors(builder: CoefficientBuilder) -> Iterator[Hypothesis]:
     gear = builder.gear
     if not gear.uses_windows:
         return
-    followed = gear.followed_channels.names
+    followed = gear.followed_channels
     for name in followed:
         quantity = name.partition("_")[0]
         locus = _locus_of(name)

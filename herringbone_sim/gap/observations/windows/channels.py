@@ -49,11 +49,6 @@ class WindowChannels:
             self.sigma[channel],
         )
 
-    @property
-    def gauges(self) -> tuple[str, ...]:
-        """Names of channels that measure forces."""
-        return tuple(n for n, of in zip(self.names, self.of_F, strict=True) if np.any(of))
-
 
 def window_channels(run: PreparedRun) -> WindowChannels:
     """All recorded rotations, mesh forces, pin forces and accelerations of a run."""
