@@ -11,8 +11,8 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import listed
 
-# Largest distance of a reading from the sample that it stands beside, in sample steps: as between
-# files of one clock, see ``importing.clock``.
+# Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
+# shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
 SAME = 0.01
 
 
@@ -55,7 +55,12 @@ def _coincident(times: Array, others: Array) -> tuple[Indices, Indices]:
     known = np.flatnonzero(np.isfinite(others))
     if len(times) < 2 or not len(known):
         return known[:0], known[:0]
-    after = np.clip(np.searchsorted(times, others[known]), 1, len(times) - 1)
-    at = after - (others[known] - times[after - 1] < times[after] - others[known])
+    at = nearest(others[known], times)
     same = np.abs(times[at] - others[known]) <= SAME * np.median(np.diff(times))
     return known[same], at[same]
+
+
+def nearest(times: Array, others: Array) -> Indices:
+    """Return the index (n,) of the entry of the increasing ``others`` nearest to each time."""
+    after = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
+    return np.asarray(after - (times - others[after - 1] < others[after] - times))

@@ -201,3 +201,14 @@ def test_a_run_has_no_name_of_a_file_of_the_campaign(tmp_path: Path, name: str) 
 
 def test_what_is_not_recorded_is_no_contact_and_no_separation() -> None:
     assert contact_states(np.array([2.0, np.nan, -2.0, 0.0]), 1.0).tolist() == [0, 3, 2, 1]
+
+
+def test_an_angle_without_any_number_is_nan_without_a_warning(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    nothing = np.full(len(TIMES), np.nan)
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES, angle=nothing)
+    column = {"column": "angle", "unit": "deg", "scale": 0.5}
+    _, series = imported(write_spec(tmp_path, entry("a.csv", phase=PHASE, angle_c=column)))
+    assert np.isnan(series["u_c"]).all()
+    assert not [w for w in recwarn if w.category is RuntimeWarning]

@@ -25,7 +25,7 @@ from herringbone_sim.recording.importing.spec import (
     RunSpec,
     recorded_name,
 )
-from herringbone_sim.recording.importing.turns import unwrapped, with_turns
+from herringbone_sim.recording.importing.turns import span, unwrapped, with_turns
 from herringbone_sim.recording.importing.units import si_unit
 from herringbone_sim.recording.parameter_file import save_parameters
 from herringbone_sim.recording.writer import RunWriter
@@ -157,7 +157,7 @@ def _import_run(spec: ImportSpec, run: RunSpec, folder: Path) -> ImportedRun:
         run.role,
         len(times),
         float((len(times) - 1) / times[-1]),
-        float((np.nanmax(values["phase"]) - np.nanmin(values["phase"])) / (2.0 * np.pi)),
+        span(values["phase"]) / (2.0 * np.pi),
         _imported(spec, run, values, rates),
         (*on_one.left.items(), *_unnamed(read)),
         (*on_one.notes, *_wrapped_phase(groups), *remarks(model, times, values)),
@@ -183,9 +183,7 @@ def _unwrapped_angles(stream: ClockGroup) -> ClockGroup:
 def _wrapped_phase(groups: Sequence[ClockGroup]) -> list[str]:
     """Return a sentence if a file has the mesh phase modulo 2 pi, which ``unwrapped`` undoes."""
     phases = [group.values["phase"] for group in groups if "phase" in group.values]
-    if not any(
-        unwrapped(p) is not p and np.nanmax(p) - np.nanmin(p) <= 2.0 * np.pi for p in phases
-    ):
+    if not any(unwrapped(p) is not p and span(p) <= 2.0 * np.pi for p in phases):
         return []
     return [
         "the mesh phase starts anew at every turn and was unwrapped: events of single teeth and "

@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.importing.columns import Columns
 from herringbone_sim.recording.importing.spec import ChannelSpec, FileSpec
-from herringbone_sim.recording.importing.turns import unwrapped
+from herringbone_sim.recording.importing.turns import span, unwrapped
+from herringbone_sim.recording.other_rates import SAME, nearest
 
-# Largest time difference of simultaneous samples, in sample steps: at 16 samples a mesh cycle it
-# shifts a channel by 0.4 % of its amplitude, less than the noise of 40 dB.
-SAME = 0.01
-HOLE = 3.0  # usual steps of a file without a sample beyond which nothing is interpolated
+HOLE = 3.0  # usual steps without a sample beyond which nothing is interpolated; chosen
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def clock_groups(file: FileSpec, columns: Columns, zero: np.datetime64 | None) -
                 f"column {channel.column!r} of {file.path} must have as many rows as its clock, "
                 f"got {len(raw)} and {len(times)}: give it an entry of files of its own"
             )
-        if channel.turn and np.nanmax(raw) - np.nanmin(raw) <= channel.turn:
+        if channel.turn and span(raw) <= channel.turn:
             per_rad = channel.turn / (2.0 * np.pi)
             raw = per_rad * unwrapped(raw / per_rad)  # a scale is of the shaft, not of its turns
         group[1][channel.name] = channel.gain * raw + channel.offset
@@ -181,12 +178,6 @@ def merged(parts: Sequence[ClockGroup]) -> Merged:
     return Merged(times - times[0], values, left_out, tuple(notes))
 
 
-def _nearest(times: Array, others: Array) -> NDArray[np.intp]:
-    """Return the index (n,) of the entry of ``others`` nearest to each time."""
-    after = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
-    return after - (times - others[after - 1] < others[after] - times)
-
-
 def _same_samples(times: Array, others: Array) -> bool:
     """Whether two clocks have the same sample times, within ``SAME`` steps, where they overlap."""
     reach = SAME * min(np.median(np.diff(times)), np.median(np.diff(others)))
@@ -195,7 +186,7 @@ def _same_samples(times: Array, others: Array) -> bool:
     counted = np.count_nonzero((others >= low) & (others <= high))
     if not len(both) or len(both) != counted:
         return False
-    return bool((np.abs(others[_nearest(both, others)] - both) <= reach).all())
+    return bool((np.abs(others[nearest(both, others)] - both) <= reach).all())
 
 
 def _overlap(main: ClockGroup, others: Sequence[ClockGroup]) -> slice:
@@ -221,8 +212,8 @@ def _at(times: Array, sample_times: Array, values: Array, same: bool) -> Array:
     NaN where samples are missing: between two that are more than ``HOLE`` usual steps apart.
     """
     if same:
-        nearest: Array = values[_nearest(times, sample_times)]
-        return nearest
+        there: Array = values[nearest(times, sample_times)]
+        return there
     between: Array = np.interp(times, sample_times, values)
     steps = np.diff(sample_times)
     after = np.clip(np.searchsorted(sample_times, times), 1, len(steps))

@@ -19,6 +19,12 @@ def unwrapped(values: Array) -> Array:
     return whole
 
 
+def span(values: Array) -> float:
+    """Return the largest minus the smallest finite one of values (n,); 0 if none is finite."""
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if len(known) else 0.0
+
+
 def with_turns(
     model: Model, shaft: str, phase_offset: float, times: Array, values: dict[str, Array]
 ) -> dict[str, Array]:
