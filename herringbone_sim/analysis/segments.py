@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from herringbone_sim.analysis.motion import Motion
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries, held
 
 Change = tuple[float, Mapping[str, float]]
 Rows = NDArray[np.intp]
@@ -108,9 +108,7 @@ def _tracks(
 
 def _track_of_column(name: str, values: Array, motion: Motion) -> ParameterHistory:
     """History of a parameter that is a channel (n,); constant at its mean if it is measured."""
-    known = np.isfinite(values)
-    if not known.all():
-        values = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+    values = held(values)
     steps = np.diff(values)
     rows = np.flatnonzero(steps) + 1
     both_ways = rows.size and 0.1 < np.mean(steps[rows - 1] > 0) < 0.9

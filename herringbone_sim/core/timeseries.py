@@ -10,6 +10,18 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.errors import AnalysisError, listed, shown
 
 
+def held(values: Array) -> Array:
+    """Return values (n,) in whose gaps the last one before holds, or the first one after.
+
+    Unchanged without gaps, and if no value is finite.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) in (0, len(values)):
+        return values
+    last = np.searchsorted(known, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[known[np.maximum(last, 0)]])
+
+
 @dataclass(frozen=True)
 class TimeSeries:
     """Samples of named channels over time.

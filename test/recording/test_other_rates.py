@@ -101,6 +101,6 @@ def test_a_temperature_of_another_rate_is_that_of_the_run(tmp_path: Path) -> Non
     read = read_recording(tmp_path / "bag")
     (segment,) = cut(read.samples, motion_of(read.samples), [], {"delta_T": 20.0})
     assert segment.point["delta_T"] == pytest.approx(50.0)
-    shown = prepare(read, Parameters(xi=0.085))
+    shown = prepare(read, nominal=True)
     block = list(replay_blocks(read, shown, 200, 1))[-1]
     assert block.parameters["delta_T"] == pytest.approx(50.0)

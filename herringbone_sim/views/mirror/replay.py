@@ -18,7 +18,7 @@ from herringbone_sim.core.layout import Layout
 from herringbone_sim.core.model import by_kind, half_backlashes
 from herringbone_sim.core.parameters import Parameters, live_names
 from herringbone_sim.core.scaling import scales
-from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries, held
 from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values
 from herringbone_sim.recording.reader import Recording
@@ -66,7 +66,7 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
         recording: with any subset of the channels.
         nominal: use the nominal gear if the recording has no parameters.
     """
-    samples = with_held_point(recording.samples)
+    samples = _with_held_point(recording.samples)
     gear, notes = gear_of(recording, nominal)
     names = samples.names if "t" in samples else ("t", *samples.names)
     rows = samples.data if "t" in samples else np.column_stack((samples.times, samples.data))
@@ -81,14 +81,11 @@ def prepare(recording: Recording, nominal: bool = False) -> Replay:
     return Replay(names, rows, sections, noise, layout_of(names), gear, tuple(notes))
 
 
-def with_held_point(samples: TimeSeries) -> TimeSeries:
-    """Return samples whose ``OPERATING`` channels keep the last reading where they have none."""
+def _with_held_point(samples: TimeSeries) -> TimeSeries:
+    """Return samples in which the gaps of ``OPERATING`` channels are ``held``."""
     data = samples.data.copy()
     for column in (samples.names.index(name) for name in OPERATING if name in samples):
-        known = np.flatnonzero(np.isfinite(data[:, column]))
-        if len(known):
-            last = np.searchsorted(known, np.arange(len(data)), side="right") - 1
-            data[:, column] = data[known[np.maximum(last, 0)], column]
+        data[:, column] = held(data[:, column])
     return TimeSeries(samples.times, data, samples.names)
 
 
