@@ -14,7 +14,7 @@ from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.gap.data.screen import Finding, may_have_gaps
 
 STEP_TOLERANCE = 0.5  # relative deviation of a step of time or phase from the median step
-COUNT_SHARE = 0.01  # of the steps of phase, from which a size of step is one of an encoder
+COUNT_SHARE = 0.01  # of the steps of phase, from which a size of step is an encoder's; chosen
 DROPOUT_SHARE = 0.5  # fraction of NaN channels above which a sample counts as a dropout
 
 

@@ -13,7 +13,7 @@ from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.messages import MOST_S
 
 MOST, LEAST = 2048, 64  # samples of a stretch
-SMOOTH = 64  # samples over which a measured operating point is smoothed
+SMOOTH = 64  # samples over which a measured operating point is smoothed; chosen
 POINT_DRIFT = {"delta_T": 1.0, "K": 0.01, "T_1": 0.01}  # drift in a stretch: [K], -, relative
 SPEED_TOLERANCE = 0.05  # relative drift of the mesh frequency in a stretch
 
