@@ -61,8 +61,8 @@ def _acting(actives: Sequence[Active]) -> list[Active]:
         places = [f"{locus.mesh}/{locus.planet}/{locus.side}" for locus in alike]
         if active.effect.once and len(places) > 1:
             raise ParameterError(
-                f"{active.effect.id} must be at one place, got {' and '.join(places)}: two of them "
-                "do not know of each other; choose one place that has all their meshes"
+                f"{active.effect.id} must be at one place, got {' and '.join(places)}: two of "
+                "them do not know of each other; choose one place that has all their meshes"
             )
     return chosen
 

@@ -134,8 +134,7 @@ class Effect:
         excite, react, drive: compiled laws, see ``effects.law``.
         last: whether ``excite`` acts after that of all other effects, in whatever order they are
             listed, as a loss of the whole stiffness does.
-        once: whether a gear can have it at one locus only, since its laws do not know of another of
-            their kind, and both would be wrong.
+        once: whether a gear can have it at one locus only: laws of two would not act together.
         divisible: whether a part of the places in ``loci`` can be chosen; False if the laws act
             on the gear as a whole.
         lanes: whether the laws use the functions of ``core.lanes.vector``, by which they run in

@@ -96,12 +96,27 @@ def test_a_tooth_enters_every_mesh_at_the_same_phase_of_its_stiffness() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "parts"),
-    [("", 1), ("stiffness_harmonic:order=1", 1), ("profile_error:order=8", 3)],
+    ("text", "parts", "in_sweeps"),
+    [
+        ("", 1, 1),
+        ("stiffness_harmonic:order=1", 1, 1),
+        ("profile_error:order=2", 1, 1),
+        ("profile_error:order=3", 1, 2),
+        ("profile_error:order=4", 2, 2),
+        ("profile_error:order=8", 3, 4),
+        ("ring_flexibility@rp:stiffness=3e9", 1, 1),
+        ("bearing_clearance:clearance=5e-6", 1, 2),
+    ],
 )
-def test_only_what_effects_add_divides_a_step(text: str, parts: int) -> None:
-    """At order 12 a series leaves out 1e-8 at 1.37 rad; order 8 turns by pi in one of 16 steps."""
-    model = build_with(Parameters(), read_effects(text))
-    assert _parts_of_step(model) == parts
-    short = build_with(Parameters(order=4), read_effects(text))
-    assert (_parts_of_step(short) == 1) == (parts == 1)
+def test_only_what_effects_add_divides_a_step(text: str, parts: int, in_sweeps: int) -> None:
+    """By hand: order o turns by 2 pi o / 16 in a step, and a series of order 12 leaves out 1e-8 at
+    1.37 rad; in sweeps it turns by 2 pi o / 8, and one of order 14 by 1.88 rad."""
+    p, effects = Parameters(), read_effects(text)
+    assert _parts_of_step(build_with(p, effects)) == parts
+    assert _parts_of_step(build_with(with_sweep_steps(p, {}), effects)) == in_sweeps
+
+
+def test_a_low_order_is_the_users_choice_for_the_gear_s_own_harmonics() -> None:
+    p = Parameters(order=4)
+    for text, parts in (("", 1), ("stiffness_harmonic:order=1", 1)):
+        assert _parts_of_step(build_with(p, read_effects(text))) == parts

@@ -244,7 +244,7 @@ def test_an_error_of_a_sensor_is_of_its_own_planet(gear: GearObservations) -> No
     """That of the tenth is not of the first, whose number is part of its own."""
     names = ("F_pin10", "F_rp11_R", "u_p12_L", "u_p2_R", "u_c")
     of_many = copy.copy(gear)
-    of_many.__dict__["followed_channels"] = replace(gear.followed_channels, names=names)
+    of_many.__dict__["followed_channels"] = names
     of_many.__dict__["rms_by_quantity"] = {**gear.rms_by_quantity, "F": 1.0}
     every = list(window_sensor_errors(CoefficientBuilder(of_many)))
     planets = [h.locus.planet for h in every if h.effect == "sensor_gain"]
@@ -259,7 +259,7 @@ def test_an_error_of_a_gauge_in_a_tooth_is_no_force_on_the_gear(gear: GearObserv
         values = np.where(on, 0.5 * run.pin.values[:, :1], np.nan)
         runs.append(replace(run, F=Measured(values, on, np.where(on, run.pin.sigma[0], np.nan))))
     machine = GearMachine(GearObservations(runs))
-    names = machine.gear.followed_channels.names
+    names = machine.gear.followed_channels
     assert "F_sp1_L" in names
     gains = [h for h in machine.hypotheses() if h.effect == "sensor_gain"]
     assert Counter(dict(h.options)["channels"] for h in gains) == {(name,): 1 for name in names}

@@ -34,7 +34,6 @@ NAME = "force_law"
 SLOW_HZ = 350.0  # [Hz] hum and drift lie below: seventh harmonic of the mains; chosen
 # Amplitude of the encoder error once a revolution: 3 arcsec, data sheet.
 ENCODER_ERROR_RAD = 1.45e-5
-SMALL_RAD = 1e-5  # half of the phase across which derivatives of the waves are formed
 
 
 def of_force_sensor(function: str) -> bool:
@@ -57,8 +56,7 @@ def slope(m: MeshMotion, values: Array) -> Array:
 
 def shift_k(m: MeshMotion, _: Law) -> Array:
     """Derivative (n, n_mesh) of k(t) with respect to the mesh phase, over k_m."""
-    before, after = (m.waves_at(m.phase + a).k for a in (-SMALL_RAD, SMALL_RAD))
-    return (after - before) / (2.0 * SMALL_RAD * m.k_m)
+    return m.wave_slopes[0] / m.k_m
 
 
 def shift_e(m: MeshMotion, _: Law) -> Array:
@@ -68,8 +66,7 @@ def shift_e(m: MeshMotion, _: Law) -> Array:
 
 def shift_e_rate(m: MeshMotion, _: Law) -> Array:
     """Time derivative (n, n_mesh) of ``shift_e`` [m/s]."""
-    before, after = (m.waves_at(m.phase + a).e_rate for a in (-SMALL_RAD, SMALL_RAD))
-    return (before - after) / (2.0 * SMALL_RAD)
+    return -m.wave_slopes[1]
 
 
 def phase_advance(m: MeshMotion, a: Array, what: str) -> tuple[Array, Array]:

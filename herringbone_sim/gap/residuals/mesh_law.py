@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -21,6 +22,7 @@ from herringbone_sim.gap.data.mesh_excitation import Waves
 from herringbone_sim.gap.data.prepared import PreparedRun
 from herringbone_sim.gap.residuals.fusion import Fused
 
+SMALL_RAD = 1e-5  # half of the phase across which derivatives of the waves are formed
 Displacements = Mapping[str, tuple[Array, Array]]  # [m] and rate [m/s], (n, n_mesh), by function
 
 
@@ -64,6 +66,13 @@ class MeshMotion:
     b: Array
     filtered: Array | None = None
     encoder_errors: Array | None = None
+
+    @cached_property
+    def wave_slopes(self) -> tuple[Array, Array]:
+        """Derivatives (n, n_mesh) of the nominal k(t) and of ``e_rate`` by the phase, per rad."""
+        before, after = (self.waves_at(self.phase + a) for a in (-SMALL_RAD, SMALL_RAD))
+        across = 2.0 * SMALL_RAD
+        return (after.k - before.k) / across, (after.e_rate - before.e_rate) / across
 
 
 def mesh_motion(run: PreparedRun, fused: Fused, stride: int = 1) -> MeshMotion:
