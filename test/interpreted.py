@@ -13,7 +13,7 @@ import numpy as np
 from gears import UNEVEN, make
 from numba import config
 
-from herringbone_sim.core import orbit
+from herringbone_sim.core import orbit, sensitivity
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper
 from herringbone_sim.core.lanes import columns as lane_columns
@@ -120,7 +120,9 @@ LANES_CASES = {
 }
 
 
-# What ``core.lanes.vector`` compiles, for the interpreter; products are not fused there.
+# What ``core.lanes.vector`` and ``core.reference`` compile, for the interpreter; products are not
+# fused there, and a table of references holds indices of ``TUPLES``.
+TUPLES = []
 VECTOR = {
     "load": lambda a, i, j: a[i, j].copy(),
     "choose": np.where,
@@ -131,8 +133,14 @@ VECTOR = {
     "nearest": np.rint,
     "absolute": np.abs,
     "without": np.logical_not,
+    "row_of": lambda like, rows, i: TUPLES[rows[i, 0]],
     "bits": lambda where: sum(1 << i for i, bit in enumerate(np.atleast_1d(where)) if bit),
 }
+
+
+def tables(tuples):
+    TUPLES.extend(tuples)
+    return np.arange(len(TUPLES) - len(tuples), len(TUPLES))[:, None]
 
 
 def store(a, i, j, x):
@@ -145,8 +153,9 @@ def put(a, i, j, lane, x):
 
 def read_lanes():
     """Let the interpreter run the lanes: vectors become arrays of NumPy."""
-    vector = VECTOR | {"store": store, "put": put}
+    vector = VECTOR | {"store": store, "put": put, "tables": tables}
     for module in (
+        sensitivity,
         *(orbit, lane_run, lane_series, lane_switching, lane_extended),
         *(lane_columns, nonlinear_forces, nonlinear_series, nonlinear_moves),
     ):

@@ -33,6 +33,7 @@ from herringbone_sim.core.mirror import (
 )
 from herringbone_sim.core.model import Model, initial_state
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.reference import Reference
 from herringbone_sim.core.sensitivity import Directions, neighbours_of
 
 
@@ -242,8 +243,8 @@ def _run_lanes(
     )
     lanes(
         ((0,) * sides, (0,) * layout.n_classes, (0,) * sizes.extended),
-        work,
-        neighbours,
+        Reference(work),
+        Reference(neighbours) if neighbours else None,
         1.0 / np.maximum(np.arange(order + 2.0), 1.0),
         sizes.loads > 0 or any(model.packed.K != 0.0 for model in [*models, *others]),
         values,

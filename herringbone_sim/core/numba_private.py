@@ -13,6 +13,9 @@ For a new version, change ``TESTED`` and that line together once the tests pass.
   ``core.lanes.vector``. Numba has no public type of that kind, and its compiler does not
   vectorise loops over lanes.
 - ``Conversion``: allows one number to stand for sixteen, in the same file.
+- ``intrinsic``: Numba's function of that name looks through all registries at each call.
+- ``AttributeTemplate``, ``populate_array``, ``as_dtype``, ``from_dtype``: arrays behind a pointer,
+  for ``core.reference``.
 - ``entry_point``: calls a compiled function without the check of its argument types, which for a
   gear by laws takes longer than a mesh cycle (``effects.law_stepper``).
 - ``event``: reports when a compilation begins, for the node's ``compiling`` in /diagnostics.
@@ -23,28 +26,38 @@ For a new version, change ``TESTED`` and that line together once the tests pass.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
+from numba import types
 from numba.core import cgutils, event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global
 from numba.experimental.function_type import _get_wrapper_address as wrapper_address
-from numba.np.arrayobj import make_array
+from numba.extending import lower_builtin
+from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import as_dtype, from_dtype
 
 __all__ = [
     "COMPILED",
     "LINKED",
     "TESTED",
+    "AttributeTemplate",
     "Conversion",
     "NumbaExperimentalFeatureWarning",
+    "as_dtype",
     "cgutils",
     "entry_point",
     "event",
+    "from_dtype",
+    "intrinsic",
     "ir",
     "make_array",
+    "populate_array",
     "wrapper_address",
 ]
 
@@ -105,3 +118,30 @@ def entry_point(function: Any, kinds: tuple[Any, ...]) -> Any:
     """Compile a function for these Numba types; return it without the check of its arguments."""
     function.compile(kinds)
     return function.overloads[kinds].entry_point
+
+
+def intrinsic(define: Callable[..., Any]) -> Any:
+    """Return a function of compiled code, as Numba's ``intrinsic``, whose calls compile faster.
+
+    Args:
+        define: (typing, argument types) -> signature and code generator.
+    """
+
+    def function(*_: Any) -> Any:
+        raise NotImplementedError(f"{define.__name__} is for compiled code")
+
+    function.__name__, function.__doc__ = define.__name__, define.__doc__
+    signatures: dict[tuple[Any, ...], Any] = {}
+
+    class _Template(AbstractTemplate):  # type: ignore[misc]
+        key = function
+
+        def generic(self, args: tuple[Any, ...], _: Any) -> Any:
+            if args not in signatures:
+                signature, code = define(self.context, *args)
+                lower_builtin(function, *signature.args)(code)
+                signatures[args] = signature
+            return signatures[args]
+
+    infer_global(function, types.Function(_Template))
+    return function

@@ -16,16 +16,19 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.lanes.nonlinear_moves import move_nonlinear
 from herringbone_sim.core.lanes.run import move_linear
 from herringbone_sim.core.model import Model
-from herringbone_sim.core.orbit import Orbit, grid_step, orbit_of
+from herringbone_sim.core.orbit import grid_step, orbit_of
 from herringbone_sim.core.packed import (
     LIMIT,
     TWO_PI,
+    Packed,
+    Work,
     compiled,
     embedded,
     inlined,
     make_work,
     of_one_type,
 )
+from herringbone_sim.core.reference import Reference, call
 from herringbone_sim.core.right_hand_side import hide_displacement, mesh_forces, rk4_step
 from herringbone_sim.core.sensitivity import Directions
 
@@ -165,8 +168,8 @@ def nonlinear_step(orbit, y, cycle, index):
 @inlined
 def rk4_grid_step(kernel, y, cycle, index):
     """One grid step by the classical Runge-Kutta method."""
-    p, w, steps = kernel
-    rk4_step(p, w, y, TWO_PI * index / steps, cycle, TWO_PI / (p.Omega * steps))
+    p, steps = kernel.gear, kernel.steps
+    rk4_step(p, kernel.work, y, TWO_PI * index / steps, cycle, TWO_PI / (p.Omega * steps))
     return 0
 
 
@@ -262,6 +265,14 @@ def trace_nonlinear(orbit, grid_point, steps, stride, states, columns):
     trace(nonlinear_step, orbit, grid_point, steps, stride, states, columns)
 
 
+class Rk4(NamedTuple):
+    """Data of one orbit for the classical Runge-Kutta method."""
+
+    gear: Packed
+    work: Work
+    steps: int  # of a mesh cycle
+
+
 class StateArrays(NamedTuple):
     """Arrays of a ``State`` that ``Kernel.run`` advances in place.
 
@@ -292,13 +303,25 @@ class Kernel:
         layout = model.layout
         self.model = model
         self._along = along
-        self._scratch = make_work(layout.n_mesh, layout.n_coordinate, model.n_added_coordinates)
+        self._scratch = Reference(
+            make_work(layout.n_mesh, layout.n_coordinate, model.n_added_coordinates)
+        )
         self._by_rk4, powers = model.parameters.method == "rk4", model.packed.powers
-        self._gear = of_one_type(model.packed) if self._by_rk4 else model.packed
+        self._gear = Reference(of_one_type(model.packed) if self._by_rk4 else model.packed)
         self._run = run_rk4 if self._by_rk4 else run_nonlinear if powers else run_linear
         self._cross = cross_rk4 if self._by_rk4 else cross_nonlinear if powers else cross_linear
         self._trace = trace_nonlinear if powers else trace_linear
-        self._orbits: dict[int, Orbit] = {}
+        self._orbits: dict[int, Reference] = {}
+
+    @cached_property
+    def _rk4(self) -> Reference:
+        """Data of ``rk4_grid_step``."""
+        return Reference(Rk4(self._gear.fields, self._scratch.fields, self.model.parameters.steps))
+
+    @cached_property
+    def _to_read(self) -> Reference:
+        """Constants of the gear for ``read_rows``."""
+        return Reference(of_one_type(self.model.packed))
 
     @cached_property
     def _kind(self) -> Any:
@@ -318,21 +341,22 @@ class Kernel:
 
     def _begin(
         self, y: Array, tangents: Array, columns: Array | None = None
-    ) -> tuple[Any, Array, Array]:
+    ) -> tuple[Reference, Array, Array]:
         """Return the argument ``kernel`` of compiled functions, and the arrays of state and
         tangents that they advance, with the given values.
         """
         if self._by_rk4:
-            return (self._gear, self._scratch, self.model.parameters.steps), y, tangents
+            return self._rk4, y, tangents
         k = len(tangents)
         if k not in self._orbits:
             others = self._along.models() if self._along else []
-            self._orbits[k] = orbit_of(self.model, k, others)
+            self._orbits[k] = Reference(orbit_of(self.model, k, others))
         orbit = self._orbits[k]
         states = orbit.work.y
         states[0], states[1:] = y, tangents
         if self._along and columns is not None:
-            orbit = orbit._replace(neighbours=self._along.neighbours(orbit.work, y, columns))
+            neighbours = self._along.neighbours(orbit.work, y, columns)
+            orbit = Reference(orbit.fields._replace(neighbours=neighbours))
         return orbit, states[0], states[1:]
 
     def run(self, arrays: StateArrays, t: float, out: tuple[Any, ...]) -> tuple[float, int, int]:
@@ -350,8 +374,8 @@ class Kernel:
         kernel, states, vectors = self._begin(arrays.y, arrays.tangents, arrays.columns)
         grid = model.scales.omega_n, p.steps, p.steps // p.samples_per_cycle
         gear = kernel, self._gear, self._scratch
-        time, filled, switches = self._run(
-            *gear, states, vectors, arrays.growth, arrays.grid_point, t, grid, out
+        time, filled, switches = call(
+            self._run, *gear, states, vectors, arrays.growth, arrays.grid_point, t, grid, out
         )
         arrays.y[:], arrays.tangents[:] = states, vectors
         if self._along:
@@ -361,7 +385,7 @@ class Kernel:
     def advance_cycles(self, y: Array, tangents: Array, cycle: int, cycles: int) -> None:
         """Advance y (n_state,) and tangents (k, n_state) over whole mesh cycles, in place."""
         kernel, states, vectors = self._begin(y, tangents)
-        self._cross(kernel, states, cycle, cycles, self.model.parameters.steps)
+        call(self._cross, kernel, states, cycle, cycles, self.model.parameters.steps)
         y[:], tangents[:] = states, vectors
 
     def trace(
@@ -374,9 +398,8 @@ class Kernel:
         orbit, _, _ = self._begin(y, tangents, columns)
         states = np.empty((n, 1 + len(tangents), len(y)))
         sampled_columns = np.zeros((n, len(columns), len(y)))
-        self._trace(
-            orbit, grid_point, p.steps, p.steps // p.samples_per_cycle, states, sampled_columns
-        )
+        stride = p.steps // p.samples_per_cycle
+        call(self._trace, orbit, grid_point, p.steps, stride, states, sampled_columns)
         if self._along:
             sampled_columns = self._along.from_kernel(states[:, 0], sampled_columns)
         return states[:, 0], states[:, 1:], sampled_columns
@@ -394,7 +417,8 @@ class Kernel:
             rest: head, si and carrier, as for ``write_row``.
         """
         rows = np.empty((len(states), len(self.model.layout.channels)))
-        states = np.ascontiguousarray(states)
-        gear = of_one_type(self.model.packed), self._scratch
-        read_rows(*gear, states, grid_points, self.model.parameters.steps, *rest, rows)
+        states = np.ascontiguousarray(states, dtype=float)
+        grid_points = np.ascontiguousarray(grid_points, dtype=np.int64)
+        gear = self._to_read, self._scratch
+        call(read_rows, *gear, states, grid_points, self.model.parameters.steps, *rest, rows)
         return rows

@@ -27,6 +27,7 @@ from herringbone_sim.core.lanes.packed import NonlinearWork, Sizes, Work, consta
 from herringbone_sim.core.lanes.vector import LANES
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import Packed
+from herringbone_sim.core.reference import tables
 from herringbone_sim.errors import ParameterError
 
 # Fields of ``Packed`` that change the series of stiffness, errors or loads.
@@ -215,22 +216,26 @@ def neighbours_of(
     def zeros(*shape: int) -> Array:
         return np.zeros((*shape, *lanes))
 
+    columns, gears = zeros(p, size), zeros(2 * p, *table.shape[1:])
+    inner: Work = work._replace(
+        **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
+        nonlinear=NonlinearWork(*(np.zeros_like(value) for value in work.nonlinear)),
+    )
+    along_columns = work._replace(y=columns)
     neighbours = Neighbours(
         table=table.reshape(n, 2 * p, *table.shape[1:]),
         steps=steps,
         starts=starts,
         ends=np.full((n, p, size), np.nan),
-        constants=zeros(2 * p, *table.shape[1:]),
+        constants=gears,
         step=zeros(p, 1),
         excites=np.any([directions.excites for directions in along], axis=0),
-        columns=zeros(p, size),
+        columns=columns,
         more=zeros(p, size),
         border_shift=zeros(p, work.k.shape[1]),
         pair=zeros(1, size),
-        work=work._replace(
-            **{name: np.zeros_like(getattr(work, name)) for name in OF_NEIGHBOURS},
-            nonlinear=NonlinearWork(*(np.zeros_like(value) for value in work.nonlinear)),
-        ),
+        work=inner,
+        works=tables([*(inner._replace(constants=gear) for gear in gears), along_columns]),
     )
     if not lanes:
         neighbours.constants[:], neighbours.step[:], neighbours.columns[:] = (

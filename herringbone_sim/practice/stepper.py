@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from herringbone_sim.arrays import Array
+from herringbone_sim.core.reference import Reference
 from herringbone_sim.errors import DivergenceError
 from herringbone_sim.practice.kernel import forces, rate
 from herringbone_sim.practice.rig_model import N_BODY, N_COORDINATE, N_MESH, RigModel
@@ -120,8 +121,9 @@ def accelerate(
 def accelerations(p: RigModel, times: Array, phase: Array, states: Array) -> Array:
     """Return the second derivatives (n, 9) of the bodies [m/s^2] at times, phases and states."""
     second_derivatives = np.empty((len(states), N_BODY))
-    scratch = np.zeros(states.shape[1]), np.zeros(N_MESH), np.zeros(p.mass.size)
-    accelerate(p, times, phase, states, *scratch, np.zeros(2 * N_MESH), second_derivatives)
+    sizes = states.shape[1], N_MESH, p.mass.size, 2 * N_MESH
+    scratch = [np.zeros(size) for size in sizes]
+    accelerate(Reference(p), times, phase, states, *scratch, second_derivatives)
     return second_derivatives
 
 
@@ -145,7 +147,7 @@ def integrate(
     force, extra = np.empty((n, N_MESH)), np.empty((n, N_COORDINATE))
     slopes, stage = np.zeros((7, len(start))), np.zeros(len(start))
     scratch = (slopes, stage, states, force, extra, np.zeros(2 * N_MESH))
-    filled = run(p, phase0, start, times, tolerance, STAGES, NODES, ERROR, *scratch)
+    filled = run(Reference(p), phase0, start, times, tolerance, STAGES, NODES, ERROR, *scratch)
     if filled < n:
         raise DivergenceError(
             f"the motion of the practice rig left the range of any gear at t = "

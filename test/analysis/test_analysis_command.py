@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from analysis_support import harmonic_series, henon, mapped_series, series_of
+from matplotlib.figure import Figure
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.analysis.pipeline import analyze_series
 from herringbone_sim.core.parameters import Parameters, to_mapping
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.views.figures.motion import draw_spectrum
+from herringbone_sim.views.figures.style import Scale
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -182,15 +186,15 @@ def test_wrong_options_are_refused(
     assert words in capsys.readouterr().err
 
 
-def test_a_dead_gauge_is_drawn_without_a_warning(
-    tmp_path: Path, recwarn: pytest.WarningsRecorder
-) -> None:
+@pytest.mark.parametrize(("share", "texts"), [(0.0, ["no motion"]), (1.0, [])])
+def test_the_spectrum_of_a_dead_gauge_is_said_to_be_none(share: float, texts: list[str]) -> None:
     series = harmonic_series(60, {1.0: 3e-5})
-    dead = series.data.copy()
-    dead[:, [i for i, name in enumerate(series.names) if name.startswith("x_")]] = 0.0
-    run = _record(tmp_path, "dead", TimeSeries(series.times, dead, series.names))
-    assert main(["analyze", str(run), "--out", str(tmp_path / "out")]) == 0
-    assert not [w for w in recwarn if "ylim" in str(w.message)]
+    moved = series.data.copy()
+    moved[:, [name.startswith("x_") for name in series.names]] *= share
+    (result,) = analyze_series(TimeSeries(series.times, moved, series.names))
+    axes = Figure().add_subplot()
+    draw_spectrum(axes, result, result.motion.meshes[0], Scale())
+    assert [text.get_text() for text in axes.texts] == texts
 
 
 @pytest.mark.parametrize(

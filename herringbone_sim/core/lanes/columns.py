@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.core.lanes.extended import jump_rows, shift_row
 from herringbone_sim.core.lanes.nonlinear_series import (
     expand_nonlinear_motion,
@@ -32,6 +32,7 @@ from herringbone_sim.core.lanes.packed import (
 from herringbone_sim.core.lanes.series import expand_excitation, expand_motion, take_state
 from herringbone_sim.core.lanes.vector import choose, fma, get, load, put, store
 from herringbone_sim.core.packed import called, inlined
+from herringbone_sim.core.reference import row_of
 
 
 class Neighbours(NamedTuple):
@@ -49,40 +50,9 @@ class Neighbours(NamedTuple):
     border_shift: Array  # (p, n_mesh, LANES) change of the border that a mesh meets
     pair: Array  # (1, n_state, LANES) end state of the neighbour on the plus side
     work: Work  # work arrays of the neighbours
-
-
-@inlined
-def work_with(w, constants, y):
-    """Return a ``Work`` of ``constants`` and ``y`` that shares all other arrays with ``w``."""
-    return Work(
-        constants,
-        y,
-        w.k,
-        w.error,
-        w.scale,
-        w.load,
-        w.q,
-        w.v,
-        w.x,
-        w.f,
-        w.force,
-        w.forces,
-        w.push,
-        w.mix,
-        w.mesh_state,
-        w.progress,
-        w.start_angles,
-        w.bump,
-        w.sizes,
-        w.pairs,
-        w.shifts,
-        w.rubs,
-        w.nonlinear,
-        w.value,
-        w.step_index,
-        w.cycle,
-        w.steps,
-    )
+    # (2 p + 1, ..) tables of references: of ``work`` with the constants of each neighbour, then of
+    # the motion's work arrays with ``columns`` as tangent vectors
+    works: Indices
 
 
 @called
@@ -120,7 +90,7 @@ def follow(w, neighbours):
 @inlined
 def neighbour(w, neighbours, i):
     """Return the neighbours' work arrays with constants and control angle of neighbour i."""
-    other = work_with(neighbours.work, neighbours.constants[i], neighbours.work.y)
+    other = row_of(neighbours.work, neighbours.works, i)
     ahead = load(other.constants, CONTROL_PHASE, 0) - load(w.constants, CONTROL_PHASE, 0)
     store(other.progress, ANGLE, 0, load(w.progress, ANGLE, 0) + ahead)
     return other
@@ -242,7 +212,7 @@ def move_nonlinear_columns(unrolled, w, neighbours, inverse):
 
     Call ``expand_derivatives`` before.
     """
-    of_columns = work_with(w, w.constants, neighbours.columns)
+    of_columns = row_of(w, neighbours.works, neighbours.works.shape[0] - 1)
     for c in range(neighbours.columns.shape[0]):
         expand_nonlinear_tangent(unrolled, of_columns, c, True, inverse)
         take_state(unrolled, of_columns, c)

@@ -6,8 +6,9 @@ interval goes to the end of the step of the phase grid, or to the first place in
 before, as the edge of an event. Series are Taylor coefficients, order i in row i, in the fraction
 of the interval. Common arguments of the compiled functions:
 
-- ``w``: ``Work``; ``i``: an order; ``a``, ``m``: a column, of a mesh or, behind the meshes, of a
-  seat (the spring of a coordinate that effects add, see ``core.packed``); ``lane``: one lane.
+- ``w``: a reference (``core.reference``) to ``Work``; ``i``: an order; ``a``, ``m``: a column, of
+  a mesh or, behind the meshes, of a seat (the spring of a coordinate that effects add, see
+  ``core.packed``); ``lane``: one lane.
 - ``unrolled``: tuples of zeros, as many as sides, as classes, and one if a gear is not plain.
   Their lengths are part of their type: loops are unrolled, and plain gears compile without the
   rest.
@@ -52,7 +53,9 @@ PERIOD, POSITION, WIDTH, EVENT_K, EVENT_D = range(5)
 REFERENCE, EXPONENT, DAMPING_SHARE, POWER, DEPTH, OPEN, HALF, STIFF, ROUNDING = range(9)
 ROWS_OF_LAWS = 9
 ROWS_A_HARMONIC, ROWS_A_LOAD, ROWS_AN_EVENT = 5, 3, 5
-LEFT_OUT = 1e-8  # of the amplitude of what effects add, see ``_parts_of_step``
+# Of the amplitude of what effects add, see ``_parts_of_step``: the accuracy that
+# ``benchmarks.effects`` holds states to.
+LEFT_OUT = 1e-8
 NEVER = 1e300  # mesh cycles between the events of a model that has none
 
 # Rows of ``Work.mesh_state``: contact (1 drive, 0 separated, -1 back); x and its slope at the end

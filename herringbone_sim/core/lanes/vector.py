@@ -19,9 +19,9 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import intrinsic, lower_cast, models, overload, register_model
+from numba.extending import lower_cast, models, overload, register_model
 
-from herringbone_sim.core.numba_private import Conversion, cgutils, ir, make_array
+from herringbone_sim.core.numba_private import Conversion, cgutils, intrinsic, ir, make_array
 
 LANES = 16
 
