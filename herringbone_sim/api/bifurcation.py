@@ -15,7 +15,7 @@ from herringbone_sim.api.shown import NotebookResult, Picture, data_frame
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.dynamics.flow import forcing_cycles
 from herringbone_sim.effects.effect import Active
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.errors import ParameterError, shown
 from herringbone_sim.recording.parameter_file import gear_parts
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of, period_shares
 from herringbone_sim.sweeps.execute import run_stores
@@ -56,8 +56,11 @@ class Bifurcation(NotebookResult):
         return f"bifurcation over {axis.name}, {len(axis)} values from {ends}"
 
     def facts(self) -> list[tuple[str, str]]:
-        facts = [(branch.start, period_shares(branch.period)) for branch in self.diagram.branches]
-        if len(facts) > 1:
+        facts = [
+            (branch.start, period_shares(branch.period) or "no periods")
+            for branch in self.diagram.branches
+        ]
+        if len(self.diagram.compared) > 1:
             apart = int(self.diagram.hysteresis().sum())
             facts.append(("different motions by different ways", f"{apart} values"))
         return facts
@@ -139,7 +142,11 @@ def bifurcation(
     parameters, actives = gear_parts(gear, effects)
     others = {key: given for key, given in values.items() if key not in swept}
     base = with_sweep_steps(parameters.changed(others), others)
-    axis = Axis(name, tuple(float(value) for value in along))
+    try:
+        numbers = tuple(float(value) for value in along)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be numbers, got {shown(list(along))}") from None
+    axis = Axis(name, numbers)
     look = observation_of(_forcing(base, actives, axis), transient, cycles)
     look = replace(look, mesh=base.layout.meshes[0])
     with tempfile.TemporaryDirectory() as unkept:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from herringbone_sim.api.gear import Gear, any_gear
@@ -102,8 +103,8 @@ def orbits(
     parameters = parameters.changed(changes)
     family, watch = gear_family(parameters, over, *between, actives)
     gears = GearCache(parameters, over, actives)
-    entries: Sequence[Any] = (start,) if isinstance(start, (int, float)) else start
-    pairs = [(e, None) if isinstance(e, (int, float)) else tuple(e) for e in entries]
+    entries: Any = (start,) if isinstance(start, Real) else start
+    pairs = [(e, None) if isinstance(e, Real) else tuple(e) for e in entries]
     starts = [(value, find_start(gears, family, value, period)) for value, period in pairs]
     branches = trace_cascade(family, starts, watch, CascadeOptions(max_period=max_period))
     return Orbits(over, tuple(branches), parameters)

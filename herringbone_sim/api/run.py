@@ -20,7 +20,7 @@ from herringbone_sim.core.layout import unit_of
 from herringbone_sim.core.model import Model, build, carry_over
 from herringbone_sim.core.parameters import from_mapping
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.errors import AnalysisError, ParameterError, shown
 from herringbone_sim.recording.parameter_file import EFFECTS, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure
@@ -124,8 +124,14 @@ class Run(NotebookResult):
         Args:
             mesh: name such as ``sp_L``; the first by default.
             segment: index into ``segments``; the last by default.
+
+        Raises:
+            AnalysisError: no such mesh.
         """
         result = self.segments[segment]
+        if mesh is not None and mesh not in result.motion.meshes:
+            names = ", ".join(result.motion.meshes)
+            raise AnalysisError(f"mesh must be one of {names}, got {shown(mesh)}")
         scale = Scale.of(self._gear.b_c_m, self._gear.omega_n)
         return Picture(motion_figure(result, mesh or result.motion.meshes[0], scale))
 
@@ -149,7 +155,8 @@ def simulate(
         changes: parameters by name, as ``delta_T=20.0``.
 
     Raises:
-        ParameterError: a value out of range, no such effect, or a recorded run as ``start``.
+        ParameterError: a value out of range, no such effect, no cycles, or a recorded run as
+            ``start``.
         DivergenceError: the motion diverges.
     """
     if start is not None and start.end is None:
@@ -157,6 +164,8 @@ def simulate(
             f"start must be a run of simulate, got the recording {start.name}: it holds no state "
             "to go on from"
         )
+    if cycles < 1:
+        raise ParameterError(f"cycles must be at least 1, got {cycles}: take more")
     model = model_of(gear, effects, changes)
     samples, end = integrate.simulate(model, cycles, _continued(start, model))
     name = ", ".join(f"{name} {value}" for name, value in changes.items())

@@ -41,7 +41,7 @@ from herringbone_sim.dynamics.basins import (
     random_starts,
 )
 from herringbone_sim.dynamics.exponent_methods import identify_motion
-from herringbone_sim.dynamics.flow import symmetry
+from herringbone_sim.dynamics.flow import need_tangents, symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.portraits import portraits
 from herringbone_sim.effects.written import effects_text
@@ -90,10 +90,12 @@ def run(
 
     Raises:
         AnalysisError: a slice of one value.
+        ParameterError: ``method: rk4``, which has no tangents.
     """
     if options.slice == 1:
         raise AnalysisError("--slice must be 0 or 2 and more, got 1")
     model = model_from(gear)
+    need_tangents(model)
     print_gear_notes(model)
     unfinished = out / "unfinished"
     transient, points, reach = options.transient, options.points, options.reach

@@ -13,7 +13,12 @@ from herringbone_sim.cli import control_tables as tables
 from herringbone_sim.cli import control_text as text
 from herringbone_sim.cli.control_text import MOTIONS, PRINTED_DELTA_T, TARGETS, Lines
 from herringbone_sim.control.amplitude import START_GROUPS, Target, least_amplitudes, run_survey
-from herringbone_sim.control.realisation import single_actuators, substitutes, torque_demands
+from herringbone_sim.control.realisation import (
+    single_actuators,
+    substitutes,
+    torque_demands,
+    torques_for,
+)
 from herringbone_sim.control.robustness import start_shares, survival
 from herringbone_sim.control.runs import MotionRunner, RunSettings
 from herringbone_sim.control.shape import (
@@ -81,7 +86,7 @@ def amplitude(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> 
     least = [a for target in targets for a in least_amplitudes(runner, survey, target)]
     tables.write_runs(out / "amplitude.csv", survey)
     tables.write_least(out / "least.csv", "delta_T", least)
-    torque = build(base).scales.control_torque_n_m(1.0)
+    torque = float(abs(torques_for(build(base), base.control_on, ("c",))[2]))
     save(control_figures.amplitude_figure(survey, least, torque), out, "control_amplitude")
     lines = [*text.least_lines(size.delta_T, least), *text.window_lines(survey)]
     return [*lines, *text.contact_lines(survey)]
@@ -155,6 +160,7 @@ def robustness(runner: MotionRunner, base: Parameters, size: Size, out: Path) ->
         for delta_T in PRINTED_DELTA_T
         for K in np.arange(2, 11) / 10
     ]
+    places = [one for one in places if runner.built(base.changed(one)) is not None] or places
     shares = start_shares(runner, base, places, (1, 2), size.starts, settings)
     cases = [
         case

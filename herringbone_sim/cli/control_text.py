@@ -155,7 +155,8 @@ def error_lines(amplitudes: Sequence[LeastAmplitude], base: Parameters) -> Lines
             lines.append(
                 f"{target_text(target)} where it is firm, error and control amount to a mesh "
                 f"error of {min(errors):.3f} to {max(errors):.3f}, mean "
-                f"{np.mean(errors):.3f} b_c; e_m alone is {base.e_m:g}"
+                f"{np.mean(errors):.3f} b_c; the mesh error alone is "
+                f"{equivalent_error(base.changed({'K': 0.0}))[0]:g}"
             )
     return lines
 
@@ -238,6 +239,7 @@ def survival_lines(cases: Sequence[Survival]) -> Lines:
         texts = [
             f"{s.difference:.0%} {motion(s.period)} {s.distance:.3f} b_c, {s.parted}/{s.starts}"
             + ("" if s.from_running else ", not from running")
+            + (" (distance of that from running)" if s.from_running and not s.from_zero else "")
             for s in cases
             if (s.wanted, s.what) == (wanted, what)
         ]
@@ -258,8 +260,8 @@ def transverse_lines(across: Survey) -> Lines:
             motion is periodic.
     """
     lines = []
-    periodic = across.of("period")[:, :, 0] > 0
     transverse = across.of("transverse")[:, :, 0]
+    periodic = (across.of("period")[:, :, 0] > 0) & np.isfinite(transverse)
     for delta_T, row, rates in zip(across.axis.values, periodic, transverse, strict=True):
         if delta_T in nearest(across.axis, PRINTED_DELTA_T) and row.any():
             stable, lost = across.K[row & (rates < 0.0)], across.K[row & (rates > 0.0)]

@@ -32,6 +32,7 @@ from herringbone_sim.cli.parameter_options import (
     settings,
 )
 from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
+from herringbone_sim.dynamics.flow import need_tangents
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.sweeps.output import make_folder
@@ -66,6 +67,7 @@ def run(
         Exit code 0.
     """
     model = model_from(gear)
+    need_tangents(model)
     make_folder(out)
     print_gear_notes(model)
     with progress(STEPS, "method") as step:

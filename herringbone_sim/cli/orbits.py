@@ -73,8 +73,8 @@ class Options:
     """Options: the range of the parameter and the starts of the orbits."""
 
     over: Annotated[str, Parameter(choices=SWEPT), "parameter"]
-    low: Annotated[Low, "end of the range"]
-    high: Annotated[High, "its other end"]
+    low: Annotated[Low, "first value"]
+    high: Annotated[High, "last value, above the first"]
     start: Annotated[
         tuple[Start, ...],
         "VALUE[:N] ...",

@@ -175,7 +175,7 @@ def _draw(
 
 
 def _motion(folder: Path, point: Point) -> tuple[str, str]:
-    """Integrate the motion of a figure further, and write its four panels for the mesh sp_L.
+    """Integrate the motion of a figure further, and write its four panels for the first mesh.
 
     Args:
         folder: the folder ``figures`` of the page.
@@ -190,7 +190,9 @@ def _motion(folder: Path, point: Point) -> tuple[str, str]:
     statement, name = point.statement, file_name(point.statement.figure)
     result = recorded(point)
     s = scales(point.parameters)
-    figure = figures.motion_figure(result, "sp_L", Scale.of(s.b_c, s.omega_n))
+    figure = figures.motion_figure(
+        result, point.parameters.layout.meshes[0], Scale.of(s.b_c, s.omega_n)
+    )
     obtained = f"{motion_name(point.motion)}, largest exponent {point.exponent:+.4f}"
     title = f"{statement.text}.  Obtained: {obtained}"
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)

@@ -19,6 +19,8 @@ sweep.json and Parquet tables (parts/).
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -32,6 +34,7 @@ from herringbone_sim.cli.sweep_options import (
     run_all,
     swept_gear,
 )
+from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.diagram import Diagram, diagram_of
 from herringbone_sim.sweeps.grid import STARTS, Sweep, axis_from_text
 from herringbone_sim.sweeps.store import FILE, Store, load_result, load_store, open_store
@@ -80,7 +83,7 @@ def run(
     for store in stores:
         print_shares(load_result(store))
     if len(axes) == 1:
-        every = _same_but_start(out, stores[0])
+        every = _same_but_start(out, stores)
         diagram = diagram_of([load_result(store) for store in every])
         _print_hysteresis(diagram)
         paths = write_diagram(out, diagram)
@@ -88,19 +91,23 @@ def run(
     return 0
 
 
-def _same_but_start(folder: Path, store: Store) -> list[Store]:
-    """All stored sweeps in a folder that equal that of ``store`` but for start and chunk size."""
-    paths = [folder / way for way in STARTS if (folder / way / FILE).exists()]
-    stores = map(load_store, paths)
+def _same_but_start(folder: Path, own: Sequence[Store]) -> list[Store]:
+    """All stored sweeps in a folder that equal those of ``own`` but for start and chunk size."""
+    kernels, sweep = {store.kernel for store in own}, own[0].sweep
+    stores = []
+    for way in STARTS:
+        with contextlib.suppress(AnalysisError):  # one that can't be read is not of this diagram
+            if (folder / way / FILE).exists():
+                stores.append(load_store(folder / way))
     return [
         s
         for s in stores
-        if s.kernel == store.kernel
-        and replace(store.sweep, start=s.sweep.start, chunk=s.sweep.chunk) == s.sweep
+        if s.kernel in kernels
+        and replace(sweep, start=s.sweep.start, chunk=s.sweep.chunk) == s.sweep
     ]
 
 
 def _print_hysteresis(diagram: Diagram) -> None:
-    if len(diagram.branches) > 1:
+    if len(diagram.compared) > 1:
         count = int(diagram.hysteresis().sum())
         print(f"different motions by different ways at {count} of {len(diagram.axis)} values")

@@ -109,7 +109,8 @@ class Survey:
 
     def repeats(self, period: int) -> Flags:
         """(n, m, s) whether each motion repeats after some periods of the forcing."""
-        return repeats(self.of("period"), period * self.forcing_cycles[:, None, None])
+        cycles = np.where(self.K == 0.0, self.forcing, self.forcing_cycles[:, None])
+        return repeats(self.of("period"), period * cycles[:, :, None])
 
     @cached_property
     def forcing_cycles(self) -> Indices:

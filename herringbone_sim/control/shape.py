@@ -123,21 +123,26 @@ def equivalent_error(p: Parameters) -> tuple[float, float]:
 
 
 def cancelling(p: Parameters) -> tuple[float, float]:
-    """K and phase [rad] at which the control cancels the inertia term of the mesh error."""
+    """K and phase [rad] at which the control cancels the inertia term of the mesh error.
+
+    K is not negative; the phase lies from -pi to below pi.
+    """
     amplitude, angle = _first_harmonic(p)
-    return float(amplitude * p.Omega**2), float(angle - np.pi / 2.0)
+    phase = angle - np.pi / 2.0 + (np.pi if amplitude < 0.0 else 0.0)
+    return float(abs(amplitude) * p.Omega**2), float((phase + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def cancels(p: Parameters) -> bool:
     """Whether a control of this gear, within its bounds, cancels all that varies of its error e.
 
     Not one of another order, nor on some of the equations alone, nor where the error has further
-    harmonics.
+    harmonics, or differs from mesh to mesh.
     """
     K, phase = cancelling(p)
     one = p.control_order == 1.0 and set(p.control_on) == {1.0} and not any(p.e_amp[1:])
+    alike = all(len(set(values)) == 1 for values in (p.e_factor, p.phi_b, p.mesh_phase))
     bounds = ((meaning("K"), (1.0 + NEAR) * K), (meaning("control_phase"), abs(phase) + NEAR))
-    return bool(one and K > 0.0 and all(value <= known.high for known, value in bounds))
+    return bool(one and alike and K > 0.0 and all(value <= known.high for known, value in bounds))
 
 
 def _first_harmonic(p: Parameters) -> tuple[float, float]:

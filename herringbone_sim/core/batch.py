@@ -286,7 +286,9 @@ def _put_exponents(
     spans = np.diff(length.edges)[:, None] * cycle[:, None, None]
     rates = growth[:, :-1] / spans
     means = growth[:, :-1].sum(axis=1) / (length.cycles * cycle)[:, None]
-    errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
+    errors = np.full_like(means, np.nan)
+    if length.batches > 1:
+        errors = rates.std(axis=1, ddof=1) / np.sqrt(length.batches)
     largest = np.argmax(means, axis=1)
     rows = np.arange(len(models))
     batch.exponents[chosen], batch.exponent_errors[chosen] = (
@@ -348,8 +350,12 @@ def _run_one(batch: Batch, i: int, model: Model, y: Array, cycle: int, length: _
     gear_stepper, per_cycle = stepper(model), model.parameters.samples_per_cycle
     k = min(length.tangents, 1) if model.integrator else 0
     start = replace(gear_stepper.start(k), y=y, cycle=cycle)
-    block = gear_stepper.advance(start, length.transient * per_cycle)
-    states, contact = [block.end], np.zeros((model.layout.n_mesh, 3))
+    if k:
+        start = gear_stepper.advance(start, length.transient * per_cycle).end
+    else:  # without rows, of which there may be as many as steps
+        end, _ = gear_stepper.advance_cycles(y, start.tangents, cycle, length.transient)
+        start = replace(start, y=end, cycle=cycle + length.transient)
+    states, contact = [start], np.zeros((model.layout.n_mesh, 3))
     for _ in range(length.cycles):
         block = gear_stepper.advance(states[-1], per_cycle)
         states.append(block.end)

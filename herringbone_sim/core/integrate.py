@@ -149,13 +149,13 @@ class Stepper:
         p = self.model.parameters
         rows = np.empty((n_samples, len(self.model.layout.channels)))
         arrays = StateArrays(
-            y=state.y.copy(),
-            tangents=state.tangents.copy(),
-            columns=state.columns.copy(),
-            growth=state.growth.copy(),
+            y=np.array(state.y, dtype=float),
+            tangents=np.array(state.tangents, dtype=float, order="C"),
+            columns=np.array(state.columns, dtype=float),
+            growth=np.array(state.growth, dtype=float),
             grid_point=np.array([state.cycle, state.index], dtype=np.int64),
         )
-        t, filled, switches, contact = self._sample(arrays, state.t, rows)
+        t, filled, switches, contact = self._sample(arrays, float(state.t), rows)
         y, tangents, columns, growth, grid_point = arrays
         stride = p.steps // p.samples_per_cycle
         end = State(y, int(grid_point[0]), int(grid_point[1]), float(t), tangents, growth, columns)
@@ -212,6 +212,8 @@ class Stepper:
             grid_points: (n, 2) mesh cycle and step index of each state, as from ``trace``.
         """
         model = self.model
+        if model.integrator is not None:
+            need_series(model, "samples of states")
         rows = self._kernel.read(states, grid_points, (self._head(), self._si, self._carrier))
         rows[:, 0] = rows[:, 1] / (model.packed.Omega * model.scales.omega_n)
         return rows
@@ -228,7 +230,7 @@ class Stepper:
             cycle: mesh cycles before y, which set the phase of the control and of effects.
             cycles: mesh cycles to integrate.
         """
-        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float)
+        y, tangents = np.array(y, dtype=float), np.array(tangents, dtype=float, order="C")
         self._kernel.advance_cycles(y, tangents, cycle, cycles)
         return y, tangents
 
@@ -352,14 +354,17 @@ def largest_exponent(
         state: start state; None: the initial state.
 
     Raises:
-        ParameterError: fewer than 2 cycles, of which there is no standard error.
+        ParameterError: fewer than 2 cycles, of which there is no standard error, a negative
+            transient, or ``method: rk4``, which has no tangents.
         DivergenceError: the state left the range of any physical motion.
     """
-    if cycles < 2:
+    if cycles < 2 or transient < 0:
         raise ParameterError(
-            f"an exponent and its standard error need at least 2 mesh cycles, got {cycles}: "
-            "take more"
+            "an exponent and its standard error need at least 2 mesh cycles after a transient of "
+            f"0 or more, got {cycles} after {transient}: take more"
         )
+    if model.parameters.method == "rk4" and model.integrator is None:
+        raise ParameterError("an exponent needs method: taylor, got rk4: change method")
     gear_stepper = stepper(model)
     n = model.parameters.samples_per_cycle
     now = gear_stepper.start(tangents=1)

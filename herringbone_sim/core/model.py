@@ -187,8 +187,8 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         load_r=of_output,
         control_q=on_sp + on_rp,
         control_r=on_rp.copy(),
-        control_order=p.control_order,
-        control_phase=p.control_phase,
+        control_order=float(p.control_order),
+        control_phase=float(p.control_phase),
         load_orders=np.zeros(0),
         load_cos=np.zeros((0, layout.n_coordinate)),
         load_sin=np.zeros((0, layout.n_coordinate)),
@@ -201,8 +201,8 @@ def _pack(p: Parameters, s: Scales, half: Array, damping: Array) -> Packed:
         push=np.zeros((3, layout.n_coordinate + 1, n)),
         pairs=np.zeros((0, 2), dtype=np.int64),
         rubs=np.zeros(0, dtype=np.int64),
-        K=p.K,
-        Omega=p.Omega,
+        K=float(p.K),
+        Omega=float(p.Omega),
     )
 
 

@@ -74,6 +74,10 @@ class Reference:
         self._table = np.array(words, dtype=np.int64)
         self.address = self._table.ctypes.data
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has a table of its own arrays."""
+        return Reference, (self.fields,)
+
     def __getattr__(self, name: str) -> Any:
         if name == "fields":  # not yet set, as while it is copied
             raise AttributeError(name)
@@ -83,14 +87,22 @@ class Reference:
 def call(function: Any, *args: Any) -> Any:
     """Call a compiled function without the check of its argument types; return what it returns.
 
-    The check takes longer than a mesh cycle. Types of references may differ between calls of a
-    function, those of other arguments must not.
+    Numba's check takes longer than a mesh cycle.
     """
-    key = (function, *(arg._numba_type_ for arg in args if isinstance(arg, Reference)))
+    key = function, _kind_of(args)
     if key not in _entries:
         kinds = tuple(typeof(arg) for arg in args)
         _entries[key] = entry_point(function, kinds) if hasattr(function, "compile") else function
     return _entries[key](*args)
+
+
+def _kind_of(arg: Any) -> Any:
+    """Return what decides the Numba type of an argument."""
+    if isinstance(arg, np.ndarray):
+        return arg.dtype.str, arg.ndim, arg.flags.num
+    if isinstance(arg, tuple):
+        return tuple(map(_kind_of, arg))
+    return arg._numba_type_ if isinstance(arg, Reference) else type(arg)
 
 
 def tables(tuples: Sequence[Any]) -> Indices:
@@ -147,7 +159,7 @@ def _read_fields(fields: Any, words: list[int], kinds: list[Any]) -> None:
         if kind is np.ndarray and value.flags.c_contiguous:
             words.append(value.__array_interface__["data"][0])
             words += value.shape
-            kind = value.dtype.char, value.ndim
+            kind = value.dtype.str, value.ndim
         elif isinstance(value, float):
             words += struct.unpack("q", struct.pack("d", value))
         elif isinstance(value, int):

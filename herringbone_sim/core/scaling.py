@@ -84,7 +84,7 @@ def scales(p: Parameters) -> Scales:
         M_p=M_p,
         M_c=(p.I_c + p.n_planets * p.m_p * r_bc**2) / r_bc**2,
         M_r=p.I_r / r_br**2,
-        omega_n=p.omega_n or float(np.sqrt(p.k_m_sp * (1.0 / M_s + 1.0 / M_p))),
+        omega_n=float(p.omega_n or np.sqrt(p.k_m_sp * (1.0 / M_s + 1.0 / M_p))),
         b_c=p.b_c,
         T_2=p.T_2 or 2.0 * p.T_1 * r_bc / r_bs,
         projection=cos_beta**2 if p.projection == "mesh_and_torque" else 1.0,

@@ -24,6 +24,12 @@ MOST_ORDER = 64  # largest denominator of the control order: mesh cycles until i
 MOST_CYCLES = 2100  # longest forcing period; two bodies of the default gear need 2079 at most
 
 
+def need_tangents(model: Model) -> None:
+    """Raise ParameterError for ``method: rk4``, which steps over the kinks of the force."""
+    if model.parameters.method == "rk4" and model.integrator is None:
+        raise ParameterError("tangents need method: taylor, got rk4: change method")
+
+
 class Flow(Protocol):
     """A map y -> y' over one forcing period and its linearisation.
 
@@ -97,9 +103,8 @@ class GearFlow:
             ParameterError: tangents under ``method: rk4``, which steps over the kinks of the
                 force.
         """
-        by_rk4 = self.model.parameters.method == "rk4" and self.model.integrator is None
-        if len(tangents) and by_rk4:
-            raise ParameterError("tangents need method: taylor, got rk4: change method")
+        if len(tangents):
+            need_tangents(self.model)
         y, tangents = self._stepper.advance_cycles(y, tangents, at * self.cycles, self.cycles)
         if not float(np.abs(y).max()) < LIMIT:
             raise DivergenceError(

@@ -1,4 +1,7 @@
-"""Definition of an effect: its parameters, its possible places, and its laws."""
+"""Definition of an effect: its parameters, its possible places, and its laws.
+
+Over 300 lines: what a definition may say stands beside the checks of it.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +151,7 @@ class Effect:
 
     Raises:
         ParameterError: an unknown level, ``distort`` in other than sensor effects, or single loci
-            (``*``) of an effect that is not divisible.
+            (``*``) of an effect that is not divisible, ``fill`` without ``excite`` or ``react``.
     """
 
     id: str
@@ -176,6 +179,11 @@ class Effect:
             raise ParameterError(f"level of {self.id} must be one of {LEVELS}, got {self.level!r}")
         if (self.level == "sensor") != (self.distort is not None):
             raise ParameterError(f"{self.id}: a sensor effect, and no other, has distort")
+        if self.fill is not None and self.excite is no_excite and self.react is no_react:
+            raise ParameterError(
+                f"{self.id} has fill alone: write excite or react too, by which it acts in the "
+                "diagnosis and beside effects that no slot represents"
+            )
         if not self.divisible and any("*" in pattern for pattern in self.loci):
             raise ParameterError(f"{self.id}: an effect that is not divisible has no loci with *")
 

@@ -78,6 +78,8 @@ def margin_along(m, cycle, phase, j, v):
     ``m.w``: call ``stage(m, 0, ...)`` afterwards.
     """
     r, size, derivative = m.r, length(v), 0.0
+    if size == 0.0:
+        return derivative
     for sign in (1.0, -1.0):
         for k in range(v.size):
             r.was[k] = r.y[0, k] + sign * APART / size * v[k]

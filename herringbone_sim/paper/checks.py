@@ -98,7 +98,7 @@ def check(statement: Statement, evidence: Evidence) -> CheckResult:
 def _(statement: WindowIs, evidence: Evidence) -> CheckResult:
     low, high = statement.low, statement.high
     obtained = share(evidence.sweep, low, high, statement.motion)
-    text = shares_text(evidence.sweep, low, high)
+    text = shares_text(evidence.sweep, low, high) or "no values swept in it"
     if obtained < LEAST_SHARE:
         text += _nearest(evidence.sweep, statement)
     return CheckResult(text, 1.0 - obtained, bool(obtained >= LEAST_SHARE))
@@ -131,7 +131,7 @@ def _edge_shares(sweep: Sweep, statement: BoundaryAt, at: float) -> tuple[float,
     reach = REACH * _span(sweep)
     widths = {w.motion: w.high - w.low for w in scenario(statement.scenario).windows}
     left, right = (min(reach, widths[motion]) for motion in (statement.before, statement.after))
-    step = float(sweep.values[1] - sweep.values[0]) / 2.0
+    step = float(sweep.values[1] - sweep.values[0])
     return (
         share(sweep, at - max(left, step), at, statement.before),
         share(sweep, at, at + max(right, step), statement.after),
@@ -164,7 +164,9 @@ def _(statement: ExponentSign, evidence: Evidence) -> CheckResult:
     sweep = evidence.sweep
     inside = (sweep.values >= statement.low) & (sweep.values <= statement.high)
     exponents = sweep.exponents[inside, 0]
-    right = float(np.mean(exponents * statement.sign > 0)) if inside.any() else float("nan")
+    if not np.isfinite(exponents).any():
+        return CheckResult("no exponents known", float("nan"), False)
+    right = float(np.mean(exponents * statement.sign > 0))
     text = f"{right:.0%} of the values{_alike(sweep, inside, statement.sign)}"
     return CheckResult(text, 1.0 - right, bool(right >= LEAST_SHARE))
 
@@ -172,10 +174,10 @@ def _(statement: ExponentSign, evidence: Evidence) -> CheckResult:
 def _alike(sweep: Sweep, inside: Flags, sign: int) -> str:
     """Text with the median exponent and the fraction of values whose ``within`` has the sign."""
     exponents, within = sweep.exponents[inside, 0], sweep.exponents[inside, 2]
-    if not np.isfinite(exponents).any():
-        return ", none known"
-    alike = float(np.mean(within * sign > 0))
-    return f", median {np.nanmedian(exponents):+.3f}; left and right kept alike: {alike:.0%}"
+    text = f", median {np.nanmedian(exponents):+.3f}"
+    if not np.isfinite(within).any():
+        return text
+    return f"{text}; left and right kept alike: {float(np.mean(within * sign > 0)):.0%}"
 
 
 @check.register

@@ -248,7 +248,7 @@ def motions_at(side: GearSweeps) -> list[list[str]]:
 
 
 def _with_symmetry(names: Sequence[str], branch: Branch) -> list[str]:
-    """Add ``(left = right)`` to the names (n) of motions whose asymmetry is at most ``SAME``."""
-    alike = branch.asymmetry <= SAME
+    """Add ``(left = right)`` to the names (n) of known motions of an asymmetry up to ``SAME``."""
+    alike = (branch.asymmetry <= SAME) & np.isfinite(branch.period)
     pairs = zip(names, alike, strict=True)
     return [f"{name} (left = right)" if same else name for name, same in pairs]

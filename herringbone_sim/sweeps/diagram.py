@@ -57,9 +57,14 @@ class Diagram:
     mesh: str
     branches: tuple[Branch, ...]
 
+    @property
+    def compared(self) -> list[Branch]:
+        """Branches that ``hysteresis`` compares: those that are no ramps."""
+        return [branch for branch in self.branches if not branch.start.startswith("ramp")]
+
     def hysteresis(self) -> Flags:
         """(n,) whether any branch ends in another motion than the first one, without ramps."""
-        branches = [branch for branch in self.branches if not branch.start.startswith("ramp")]
+        branches = self.compared
         apart = np.zeros(len(self.axis), dtype=bool)
         for branch in branches[1:]:
             apart |= differ(branches[0], branch)
@@ -153,6 +158,9 @@ def _point_values(result: Result, values: Array, count: int) -> Array:
     before = np.roll(values, -1 if sweep.downwards else 1)
     first = -1 if sweep.downwards else 0
     before[first] = values[first]
+    failed = np.array([bool(reason) for reason in result.reasons])
+    alone = np.roll(failed, -1 if sweep.downwards else 1)  # the chain began anew, held
+    before[alone] = values[alone]
     cycles = sweep.observation.cycles
     share = np.arange(cycles - count + 1, cycles + 1) / cycles
     moved: Array = before[:, None] + (values - before)[:, None] * share

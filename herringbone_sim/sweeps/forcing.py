@@ -9,6 +9,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.effect import Active
+from herringbone_sim.errors import ParameterError
 from herringbone_sim.sweeps.grid import Axis, Observation
 
 REPEATS = 2 * MIN_REPEATS  # forcing periods to observe: a motion of two is detected too
@@ -18,11 +19,20 @@ LONGEST = 100  # longest forcing period [mesh cycles] of which REPEATS are obser
 def first_model(base: Parameters, actives: Sequence[Active], axes: Sequence[Axis]) -> Model:
     """Return the gear at the first value of each axis, at the largest K, as 0 has no period.
 
+    The gear at the last values stands for it where no gear can have the first ones.
+
     Raises:
-        ParameterError: no gear can have these values.
+        ParameterError: no gear can have the last values either.
     """
-    first = {a.name: max(a.values, key=abs) if a.name == "K" else a.values[0] for a in axes}
-    return build_with(base.changed(first), actives)
+
+    def gear(end: int) -> Model:
+        values = {a.name: max(a.values, key=abs) if a.name == "K" else a.values[end] for a in axes}
+        return build_with(base.changed(values), actives)
+
+    try:
+        return gear(0)
+    except ParameterError:
+        return gear(-1)
 
 
 def observation_of(

@@ -120,7 +120,7 @@ class Sweep:
         if mesh:
             self.base.layout.mesh_index(mesh)
         if self.effects:
-            stepper(build(self.base), self.actives)
+            stepper(build(_with_room(self.base)), self.actives)
 
     @classmethod
     def of_gear(
@@ -150,7 +150,7 @@ class Sweep:
     @property
     def n_state(self) -> int:
         """Length of the state vector, states added by effects included."""
-        start: State = stepper(build(self.base), self.actives).start()
+        start: State = stepper(build(_with_room(self.base)), self.actives).start()
         return len(start.y)
 
     @property
@@ -262,18 +262,28 @@ def default_chunk(base: Parameters, actives: Sequence[Active], start: str) -> in
     """
     if start != "fixed":
         return SMALL_CHUNK
-    by_laws = bool(actives) and build_with(base, actives).integrator is not None
+    by_laws = bool(actives) and build_with(_with_room(base), actives).integrator is not None
     return SMALL_CHUNK if by_laws else CHUNK
+
+
+def _with_room(base: Parameters) -> Parameters:
+    """The gear with backlash enough to be built: an axis may replace what leaves it none."""
+    return base.changed({"delta_T": 0.0, "b": 1e4})
 
 
 def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
     """Set the integration steps of a sweep: order 14, 8 steps and 1 sample a mesh cycle.
 
-    With ``method: rk4`` the number of steps stays, as 8 would be too few.
+    With ``method: rk4`` the number of steps stays, as 8 would be too few, and there are as many
+    samples, as it counts contact by them.
 
     Args:
         base: parameters to change.
         chosen: parameters that the user set; they are not changed.
     """
-    steps = KERNEL | ({"steps_per_cycle": base.steps} if base.method == "rk4" else {})
+    steps = dict(KERNEL)
+    if base.method == "rk4":
+        every = base.steps <= meaning("samples_per_cycle").high
+        samples = base.steps if every else base.samples_per_cycle
+        steps |= {"steps_per_cycle": base.steps, "samples_per_cycle": samples}
     return base.changed({name: value for name, value in steps.items() if name not in chosen})

@@ -87,13 +87,13 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
     look = asked[0].sweep.observation
     starts = [_starts(request, built) for request, (built, _) in zip(asked, builds, strict=True)]
     length = (look.transient, look.cycles, look.points, look.exponents)
-    batch, longest = None, MAX_PERIOD
+    batch, forcings = None, np.zeros(0, dtype=int)
     before = np.repeat([request.cycle for request in asked], [len(chosen) for chosen in models])
     if all_models:
         gears = [assemble(model, actives) for model in all_models]
         batch = run_batch(gears, np.concatenate(starts), *length, before=before)
         batch = batch.of_gear(gears[0].layout)
-        longest = MAX_PERIOD * max(forcing_cycles(gear) for gear in gears)
+        forcings = np.array([forcing_cycles(gear) for gear in gears])
     first = 0
     for request, table, (built, reasons), chosen in zip(
         asked, tables, builds, models, strict=True
@@ -101,10 +101,7 @@ def observe(asked: Sequence[ObservationRequest]) -> list[Table]:
         rows = [i for i, model in enumerate(built) if model is not None]
         if rows and batch is not None:
             mine = _slice(batch, first, first + len(rows))
-            periods = find_periods(mine.sections, longest)
-            if look.points < MIN_REPEATS * (longest // MAX_PERIOD):
-                periods[periods == 0.0] = np.nan  # a period of the forcing was not looked for
-            table["period"][rows] = periods
+            table["period"][rows] = _periods(mine.sections, forcings[first : first + len(rows)])
             _fill(table, rows, request.sweep, chosen, mine)
             for i, reason in zip(rows, mine.reasons, strict=True):
                 reasons[i] = reason
@@ -186,6 +183,17 @@ def _starts(request: ObservationRequest, built: Sequence[Model | None]) -> Array
     given = request.starts[list(chosen)]
     result: Array = np.where(np.isnan(given).any(axis=1, keepdims=True), own, given)
     return result
+
+
+def _periods(sections: Array, forcings: Array) -> Array:
+    """Periods (n,) of motions from sections (n, m, k), and forcing periods (n,) [mesh cycles]."""
+    periods: Array = np.full(len(sections), np.nan)
+    for forcing in np.unique(forcings):
+        found = find_periods(sections[forcings == forcing], MAX_PERIOD * int(forcing))
+        if sections.shape[1] < MIN_REPEATS * forcing:
+            found[found == 0.0] = np.nan  # a period of the forcing was not looked for
+        periods[forcings == forcing] = found
+    return periods
 
 
 def _slice(batch: Batch, first: int, stop: int) -> Batch:

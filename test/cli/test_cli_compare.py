@@ -24,6 +24,7 @@ from herringbone_sim.sweeps.compare import (
     label_stretches,
     match_boundaries,
     motion,
+    motions_at,
     shares,
 )
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep
@@ -236,3 +237,14 @@ def test_a_diagnosis_tells_the_command() -> None:
     assert "compare 'my rig/rig.yaml' found/augmented.yaml --over delta_T=0:100:400" in page
     assert "What the real gear will do" in page
     assert "What the real gear will do" not in gap_page(a_report())
+
+
+def test_a_motion_that_is_not_known_hides_no_other() -> None:
+    """From points that are too few, of a gear with equal halves."""
+    known = side("nominal", 70.0, 80.0)
+    columns = known.results["fixed"].columns
+    unknown = columns | {"period": np.full(len(VALUES), np.nan)}
+    results = known.results | {"fixed": replace(known.results["fixed"], columns=unknown)}
+    for names in motions_at(replace(known, results=results)):
+        assert names
+        assert not any("not known" in name for name in names)

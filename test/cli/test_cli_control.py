@@ -11,12 +11,17 @@ from gears import PAPER
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli import control_parts, control_text
 from herringbone_sim.cli.control_parts import Size
-from herringbone_sim.control.amplitude import Survey
-from herringbone_sim.control.runs import Motions, RunSettings
+from herringbone_sim.cli.control_text import TARGETS
+from herringbone_sim.control.amplitude import LeastAmplitude, Staircase, Survey, Target, run_survey
+from herringbone_sim.control.realisation import Actuator, TorqueDemand
+from herringbone_sim.control.robustness import Survival
+from herringbone_sim.control.runs import MotionRunner, Motions, RunSettings
 from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.views.figures.control import amplitude_figure
+from herringbone_sim.views.figures.torques import realisation_figure
 
 COMMAND = ["control", "--parameters", str(PAPER), "--set", "xi=0.085", "--quick"]
 SMALL = Size(2, 6, 4, (0.5, 0.6180339887498949, 1.0), 3, RunSettings(transient=60, cycles=60))
@@ -135,3 +140,45 @@ def test_a_folder_that_cannot_be_is_said(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main([*COMMAND, "--only", "shape", "--out", str(tmp_path / "file" / "out")]) == 2
     assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("T_1", [220.0, -220.0, 0.0, 1e6])
+def test_all_torques_lie_within_the_axes(T_1):
+    carrier = Actuator("carrier", (1.0,) * 4, (0.0, 0.0, 3.4e5, 0.0, 0.0))
+    needs = [TorqueDemand(carrier, Target(n, "all"), 0.0, 1.2, 2.0, 4.08e5) for n in (1, 2)]
+    low, high = realisation_figure([carrier], [], needs, T_1).axes[1].get_xlim()
+    assert low < 4.08e5 < high
+    assert not T_1 or low < abs(T_1) < high
+
+
+def test_nothing_is_told_of_transverse_exponents_that_are_not_known():
+    gear = load_parameters(PAPER).changed({"xi": 0.085, "k_factor": (1.02, 1.0, 1.02, 1.0)})
+    axis, K = Axis("delta_T", (70.0,)), np.array([0.0, 0.4])
+    alike, settings = Starts(0, 0, running=False), RunSettings(200, 80, True)
+    across = run_survey(MotionRunner(), gear, axis, K, alike, settings)
+    assert control_text.transverse_lines(across) == []
+
+
+def test_the_distance_of_the_running_gear_is_named_so():
+    case = Survival("k_factor", 0.01, 1, 2.0, False, True, 0, 8, 0.006)
+    assert "distance of that from running" in control_text.survival_lines([case])[0]
+
+
+def test_the_error_alone_has_its_own_amplitude():
+    stair = Staircase(0.2, 0.2, 0.2, ((0.2, 1.0),), 0.8)
+    least = LeastAmplitude(0.0, TARGETS[0], stair, 0.01)
+    (line,) = control_text.error_lines([least], Parameters(e_amp=(0.5,)))
+    assert line.endswith("alone is 0.175")  # e_m of 0.35 by half
+
+
+def test_temperatures_without_a_gear_are_left_out(tmp_path):
+    gear = load_parameters(PAPER).changed({"xi": 0.085, "b": 0.2, "delta_T": 10.0})
+    control_parts.robustness(MotionRunner(), gear, SMALL, tmp_path)
+    found = {float(one["delta_T"]) for one in rows(tmp_path / "starts.csv")}
+    assert found == {20.0, 50.0}  # at 70 K the backlash is used up
+
+
+@pytest.mark.parametrize(("torque", "scales"), [(3.5e5, 1), (float("nan"), 0)])
+def test_torques_on_the_carrier_are_drawn_if_it_can_be_the_control(torque, scales):
+    axes = amplitude_figure(forced_survey(), [], torque).axes[1]
+    assert len(axes.child_axes) == scales

@@ -12,10 +12,16 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.paper.statements import statements
+from herringbone_sim.cli import reproduce
+from herringbone_sim.core.model import build, initial_state
+from herringbone_sim.paper.reproduction import Point
+from herringbone_sim.paper.statements import MotionAt, statements
+from herringbone_sim.recording.parameter_file import load_parameters
 
 QUICK = ("--values", "24", "--only", "A", "--compared", "4")
 
@@ -121,3 +127,13 @@ def test_what_makes_no_reproduction_is_told_before_anything_runs(tmp_path, capsy
 def test_two_values_make_a_reproduction(tmp_path):
     few = ["--only", "A", "--values", "2", "--compared", "2"]
     assert main(["reproduce", "--out", str(tmp_path), *few]) == 0
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_motion_of_a_figure_is_drawn_for_the_full_model(tmp_path: Path) -> None:
+    changes = {"model": "full", "delta_T": 85.0, "samples_per_cycle": 1}
+    gear = load_parameters(PAPER).changed(changes)
+    at = next(s for s in statements("A") if isinstance(s, MotionAt) and s.value == 85)
+    y = initial_state(build(gear))
+    path, _ = reproduce._motion(tmp_path, Point(at, gear, np.tile(y, (60, 1)), y, 1, -0.02))
+    assert path == "figures/fig09.png"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from sweep_support import ROOT
 
 from herringbone_sim.__main__ import main
+from herringbone_sim.cli.sweep_options import SweepOptions, observation_of_gear
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.sweeps.grid import Axis
 from herringbone_sim.sweeps.store import load_store
 
 SHORT = ["--transient=5", "--cycles=5", "--workers=1"]
@@ -92,3 +96,42 @@ def test_few_cycles_are_told_as_they_are(
     steered = [*common, "--set=K=0.1", "--set=control_order=0.25"]
     assert main([*steered, "--out", str(tmp_path / "b")]) == 0
     assert "the forcing repeats after 4 mesh cycles, and 1" in capsys.readouterr().out
+
+
+def swept(out: Path, start: str) -> None:
+    words = f"--over delta_T=10:30:3 --start {start} --transient 5 --cycles 40 --no-exponents"
+    assert main(["sweep", *words.split(), "--out", str(out)]) == 0
+
+
+def test_ramps_are_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    swept(tmp_path, "ramp")
+    assert "different motions" not in capsys.readouterr().out
+
+
+def test_ways_of_two_versions_are_drawn_together_and_what_cannot_be_read_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swept(tmp_path, "up")
+    file = tmp_path / "up" / "sweep.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"kernel": "earlier"}))
+    (tmp_path / "fixed").mkdir()
+    (tmp_path / "fixed" / "sweep.json").write_text("{")
+    capsys.readouterr()
+    swept(tmp_path, "both")
+    assert "different motions" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["basins", "exponents"])
+def test_what_needs_tangents_is_refused_before_it_computes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    assert main([verb, "--set", "method=rk4", "--out", str(tmp_path / "out")]) == 2
+    assert "tangents need method: taylor" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_forcing_is_that_of_the_last_values_if_the_first_give_no_gear() -> None:
+    gear = Parameters(K=0.3, control_order=1 / 32, delta_T=100.0)
+    for low in (0.55, 0.4):  # the lower backlash leaves no gear at 100 K
+        look = observation_of_gear(SweepOptions(), (gear, ()), (Axis("b", (low, 0.6)),), "sp_L")
+        assert look.cycles == 320

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gears import PAPER
 
 from herringbone_sim.control.amplitude import (
     Target,
@@ -151,3 +152,12 @@ def test_a_gear_that_cannot_be_is_nan_and_the_others_are_not(paper):
     assert found.period[0] == 1.0
     assert np.isnan(found.period[1])
     assert not repeats(found.period, 1)[1]
+
+
+def test_without_control_its_order_does_not_count() -> None:
+    gear = load_parameters(PAPER).changed({"xi": 0.085, "control_order": 0.6180339887498949})
+    axis, K = Axis("delta_T", (100.0,)), np.array([0.0, 0.4])
+    survey = run_survey(
+        MotionRunner(), gear, axis, K, Starts(0, 0, running=False), RunSettings(200, 80)
+    )
+    assert survey.reached(Target(1, "zero")).tolist() == [[True, False]]

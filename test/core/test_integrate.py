@@ -7,13 +7,14 @@ from dataclasses import replace
 import newton
 import numpy as np
 import pytest
-from gears import LINEAR, ONE_HARMONIC, after, dimensionless, samples, state_at
+from gears import LINEAR, ONE_HARMONIC, after, dimensionless, make, samples, state_at
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from herringbone_sim.core import reference as references
 from herringbone_sim.core.integrate import Stepper, largest_exponent, simulate, warm_up
 from herringbone_sim.core.model import body_displacements, mean_stiffness
-from herringbone_sim.errors import DivergenceError
+from herringbone_sim.errors import DivergenceError, ParameterError
 
 
 @pytest.fixture(scope="module")
@@ -226,3 +227,36 @@ def test_a_block_whose_last_sample_is_out_of_range_has_diverged(gear):
     stepper = Stepper(gear())
     start = replace(stepper.start(), y=np.full(8, 1e7))
     assert stepper.advance(start, 1).diverged
+
+
+COARSE = {"samples_per_cycle": 4, "steps_per_cycle": 32}
+
+
+@pytest.mark.parametrize("method", ["taylor", "rk4"])
+def test_whole_numbers_in_a_state_are_taken_as_floats(monkeypatch, method):
+    monkeypatch.setattr(references, "_entries", {})  # as in a new process
+    machine = Stepper(make(**COARSE, method=method))
+    start = replace(machine.start(), y=np.zeros(machine.model.n_state))
+    found = machine.advance(replace(start, y=start.y.astype(int), t=0), 4)
+    for y in (start.y, start.y.astype(np.float32)):
+        np.testing.assert_array_equal(found.end.y, machine.advance(replace(start, y=y), 4).end.y)
+    assert found.end.y.any()
+    assert machine.advance(replace(start, t=0.5), 1).rows[0, 0] == 0.5
+
+
+def test_a_whole_natural_frequency_leaves_the_clock_of_other_gears_alone(monkeypatch):
+    monkeypatch.setattr(references, "_entries", {})
+    for values in ({"omega_n": 20000}, {}):
+        machine = Stepper(make(**COARSE, **values))
+        model = machine.model
+        cycle = 2.0 * np.pi / (model.packed.Omega * model.scales.omega_n)
+        assert machine.advance(machine.start(), 4).end.t == pytest.approx(cycle, rel=1e-12)
+
+
+def test_what_gives_no_exponent_is_refused():
+    for model, transient, words in (
+        (make(method="rk4"), 5, "method: taylor"),
+        (make(), -1, "got 10 after -1"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            largest_exponent(model, 10, transient)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from herringbone_sim.core.packed import compiled
+from herringbone_sim.core.packed import compiled, make_work
 from herringbone_sim.core.reference import Reference, call, row_of, tables
 
 
@@ -58,6 +60,12 @@ def read(r, out):
 
 
 @compiled
+def read_k(w, out):
+    """Write the first entry of k."""
+    out[0] = w.k[0]
+
+
+@compiled
 def read_row(like, rows, i, out):
     """Write number and first entry of the table of row i."""
     row = row_of(like, rows, i)
@@ -101,3 +109,15 @@ def test_rows_of_a_table_are_references() -> None:
 def test_what_no_table_holds_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(TypeError, match="must be a C-ordered array, a number or zeros"):
         Reference(outer(**changes))
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_a_copied_reference_has_a_table_of_its_own_arrays(duplicate: Any) -> None:
+    one = Reference(make_work(2, 3))
+    other = duplicate(one)
+    assert other.address != one.address
+    other.k[:] = 5.0
+    out = np.zeros(1)
+    for reference, value in ((one, 0.0), (other, 5.0)):
+        call(read_k, reference, out)
+        assert out[0] == value

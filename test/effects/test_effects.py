@@ -16,7 +16,7 @@ from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.channels import distort, on_channels
-from herringbone_sim.effects.effect import Active, Locus, active
+from herringbone_sim.effects.effect import Active, Effect, Locus, active
 from herringbone_sim.effects.evaluate import Motion, evaluate, forces, motion
 from herringbone_sim.effects.registry import VARIABLE, effect, effects
 from herringbone_sim.effects.sensors import check_sensors
@@ -273,3 +273,8 @@ def test_a_clock_of_other_channels_does_not_concern_the_forces() -> None:
     of_all = Active(clock, (5.0,), Locus(), ())
     of_force = Active(gain, (1.1,), Locus(), (("channels", ("F_sp_L",)),))
     assert on_channels(("F_sp_L", "F_rp_L"), (of_motion, of_all, of_force)) == (of_all, of_force)
+
+
+def test_an_effect_that_fills_slots_has_a_law_too() -> None:
+    with pytest.raises(ParameterError, match="has fill alone"):
+        Effect("heavy", "fills a slot", "mesh", (), fill=lambda slots, theta, mask, options: None)

@@ -31,7 +31,7 @@ from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.effects.written import read_effects
-from herringbone_sim.errors import DivergenceError
+from herringbone_sim.errors import DivergenceError, ParameterError
 
 START = {"initial_x": (0.3, -0.2, 0.1, 0.4), "samples_per_cycle": 24}
 HOT = 40.0
@@ -269,3 +269,17 @@ def test_the_interpreter_reads_what_is_compiled(tmp_path: Path) -> None:
     subprocess.run(command, env=environment, check=True, timeout=200, cwd=tmp_path)
     read = np.load(tmp_path / "out.npy")
     np.testing.assert_allclose(run_by_laws(), read, rtol=1e-6, atol=1e-9)
+
+
+def test_a_tangent_of_zero_stays_zero_where_the_force_jumps() -> None:
+    p = Parameters(delta_T=30.0, samples_per_cycle=4, steps_per_cycle=8)
+    gear = by_laws(build(p), read_effects("damping_law:share=0.4,power=0,depth=1e-5"))
+    y = np.linspace(-0.4, 0.4, gear.n_state)
+    _, tangents = LawStepper(gear).advance_cycles(y, np.zeros((1, gear.n_state)), 0, 2)
+    np.testing.assert_array_equal(tangents, 0.0)
+
+
+def test_states_by_laws_are_not_read_as_samples() -> None:
+    gear = by_laws(build(Parameters()), read_effects("mean_stiffness:factor=1.1"))
+    with pytest.raises(ParameterError, match="samples of states"):
+        LawStepper(gear).read(np.zeros((1, gear.n_state)), np.zeros((1, 2), dtype=int))

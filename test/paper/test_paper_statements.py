@@ -15,7 +15,7 @@ from test_paper import PAPER
 from tqdm import tqdm
 
 from herringbone_sim.errors import AnalysisError
-from herringbone_sim.paper.boundaries import INNER, MOVES, ROUNDS, bisect, locate
+from herringbone_sim.paper.boundaries import INNER, MOVES, ROUNDS, Boundary, bisect, locate
 from herringbone_sim.paper.checks import Evidence, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import (
@@ -40,6 +40,7 @@ from herringbone_sim.paper.statements import (
 )
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.array_cache import digest
+from herringbone_sim.views.figures.paper import pair_figure, raster_figure
 
 A = scenario("A")
 
@@ -372,3 +373,37 @@ def test_search_goes_on_where_it_stopped(readings, tmp_path, monkeypatch):
     assert asked == [name for name, _, _ in wanted]
     assert again[:2] == first
     assert readings.table(again, 1).splitlines()[1].split()[0] == "15"
+
+
+def test_a_boundary_between_coarse_values_has_values_on_both_sides():
+    values = A.values(20)
+    motions = np.where(values < 64, CHAOS, np.where(values < 67, 3, np.where(values < 80, 2, 1)))
+    found = Sweep(values, motions, np.zeros((20, 4)), np.full((20, 4), np.nan))
+    last = [s for s in statements("A") if isinstance(s, BoundaryAt)][-1]
+    edge = Boundary(82.45, 0.01, 1.0, 1.0, "bisected")
+    assert check(last, Evidence(found, {last: edge}, {})).ok
+
+
+def unknown(n, largest=np.nan):
+    """A sweep of chaos of which the largest exponents alone are known, or none."""
+    exponents = np.full((n, 4), np.nan)
+    exponents[:, 0] = largest
+    return Sweep(A.values(n), np.full(n, CHAOS), np.zeros((n, 4)), exponents)
+
+
+def test_no_share_is_told_of_exponents_that_are_not_known():
+    sign = next(s for s in statements("A") if isinstance(s, ExponentSign))
+    assert "alike" not in check(sign, Evidence(unknown(20, 0.1), {}, {})).text
+    assert np.isnan(check(sign, Evidence(unknown(20), {}, {})).error)
+
+
+def test_a_window_without_swept_values_is_told():
+    p3 = [s for s in statements("A") if isinstance(s, WindowIs)][1]
+    assert "no values swept" in check(p3, Evidence(unknown(5), {}, {})).text
+
+
+def test_the_legend_has_the_published_motions():
+    row = unknown(20)
+    for figure in (raster_figure(A, {"zero start": row}), pair_figure([(A, row), (A, row)])):
+        names = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert names >= {"chaos", "P1", "P2", "P3"}

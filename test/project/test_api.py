@@ -15,6 +15,7 @@ from herringbone_sim.core import integrate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
+from herringbone_sim.errors import AnalysisError, ParameterError
 from herringbone_sim.recording.parameter_file import load_gear
 
 PAPER = "config/paper.yaml"
@@ -197,3 +198,20 @@ def test_a_run_goes_on_with_its_relative_motion_in_a_changed_gear():
 def test_one_start_of_orbits_needs_no_list():
     found = hb.orbits(PAPER, between=(84.0, 86.0), start=85.0)
     assert len(found.branches) == 1
+
+
+def test_numbers_of_numpy_are_starts_of_orbits():
+    assert hb.orbits(PAPER, between=(84, 86), start=np.int64(85)).branches
+
+
+@pytest.mark.parametrize(
+    ("ask", "kind", "words"),
+    [
+        (lambda: hb.simulate(PAPER, cycles=0), ParameterError, "cycles must be at least 1, got 0"),
+        (lambda: hb.bifurcation(PAPER, delta_T=["a", 1.0]), ParameterError, "must be numbers"),
+        (lambda: hb.simulate(PAPER, cycles=30).plot("xx"), AnalysisError, "mesh must be one of"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(ask, kind, words):
+    with pytest.raises(kind, match=words):
+        ask()

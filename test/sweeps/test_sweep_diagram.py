@@ -12,10 +12,12 @@ from sweep_support import axis, gear, run, small
 from herringbone_sim.core.batch import run_batch
 from herringbone_sim.core.integrate import Stepper, change
 from herringbone_sim.core.model import build, carry_over
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.chains import ramp
 from herringbone_sim.sweeps.diagram import diagram_of
-from herringbone_sim.sweeps.grid import Observation, Sweep
+from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.observe import section_displacements
 from herringbone_sim.sweeps.store import load_result, open_store
 
@@ -136,3 +138,44 @@ def test_a_ramp_that_stands_still_is_the_motion_itself() -> None:
     p = gear(K=0.3, control_order=0.618, xi=0.15, delta_T=85.0)
     states, _ = ramp([p] * 30)
     assert states[:-1] == pytest.approx(run_batch([build(p)], None, 0, 30, 30).sections[0])
+
+
+def test_contact_by_runge_kutta_is_that_of_the_series(tmp_path: Path) -> None:
+    shares = []
+    for method in ("taylor", "rk4"):
+        changes = {"method": method, "steps_per_cycle": 400, "samples_per_cycle": 16}
+        base = with_sweep_steps(gear().changed(changes), {})
+        look = Observation(200, 20, 20, False)
+        found = run(tmp_path / method, Sweep(base, (Axis("delta_T", (85.0,)),), look))
+        names = ("sun_separated", "sun_drive", "ring_separated", "ring_drive")
+        shares.append([found[name][0] for name in names])
+    assert 0.2 < shares[0][0] < 0.3
+    np.testing.assert_allclose(*shares, atol=0.02)
+
+
+def test_an_axis_may_replace_what_leaves_the_base_no_backlash(tmp_path: Path) -> None:
+    base, look = gear(b=0.1, delta_T=300.0), Observation(5, 5, 5, False)
+    found = run(tmp_path, Sweep(base, (Axis("delta_T", (0.0, 10.0)),), look, "up"))
+    assert found.reasons[0] == ""
+    crack = read_effects("tooth_crack@sp/all/L:depth=0.3")
+    Sweep.of_gear(base, crack, (Axis("delta_T", (0.0,)),), look)
+
+
+def test_periods_do_not_depend_on_the_values_beside(tmp_path: Path) -> None:
+    base = with_sweep_steps(Parameters(K=0.3, delta_T=20.0), {})
+    orders, look = Axis("control_order", (1.0, 1.02)), Observation(100, 100, 100, False)
+    alone, together = (
+        run(tmp_path / str(chunk), Sweep(base, (orders,), look, "fixed", chunk))["period"]
+        for chunk in (1, 256)
+    )
+    np.testing.assert_array_equal(alone, together)
+    assert np.isfinite(alone[0])
+
+
+def test_a_ramp_that_begins_anew_after_a_failure_is_drawn_at_its_value(tmp_path: Path) -> None:
+    values, look = Axis("delta_T", (80.0, 100.0, 200.0)), Observation(20, 10, 10, False, "sp_L")
+    (branch,) = diagram_of([run(tmp_path, Sweep(gear(), (values,), look, "ramp_down"))]).branches
+    assert branch.reasons[2]
+    assert not branch.reasons[1]
+    assert (branch.point_values[1] == 100.0).all()
+    assert (branch.point_values[0][0], branch.point_values[0][-1]) == (98.0, 80.0)

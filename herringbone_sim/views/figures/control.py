@@ -44,7 +44,8 @@ def amplitude_figure(
     Args:
         survey: over another parameter and K.
         amplitudes: least amplitudes of the survey from the start groups ``zero`` and ``all``.
-        torque_n_m: amplitude on the carrier at K = 1 [N m], for the scale on the right.
+        torque_n_m: amplitude on the carrier at K = 1 [N m], for the scale on the right; NaN if the
+            carrier alone can't be the control.
     """
     with matplotlib.rc_context(FRAMED_STYLE):
         figure = Figure(figsize=(9.2, 4.2))
@@ -58,10 +59,11 @@ def amplitude_figure(
             _draw_least(axes, amplitudes, starts)
             axes.set(xlabel=parameter_label(survey.axis.name), ylim=(0.0, survey.K[-1]))
         left.set_ylabel(parameter_label("K"))
-        scale = right.secondary_yaxis(
-            "right", functions=(lambda K: K * torque_n_m / 1e3, lambda t: 1e3 * t / torque_n_m)
-        )
-        scale.set_ylabel("torque on the carrier alone [kN m]")
+        if torque_n_m > 0.0:
+            scale = right.secondary_yaxis(
+                "right", functions=(lambda K: K * torque_n_m / 1e3, lambda t: 1e3 * t / torque_n_m)
+            )
+            scale.set_ylabel("torque on the carrier alone [kN m]")
         return figure
 
 

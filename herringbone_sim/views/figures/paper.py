@@ -52,7 +52,7 @@ def sweep_figure(scenario: Scenario, sweep: Sweep) -> Figure:
         _exponents(exponents, sweep)
         exponents.set_xlabel(parameter_label(scenario.parameter))
         exponents.set_xlim(scenario.low, scenario.high)
-        _legend(figure, [*sweep.motions, *(window.motion for window in scenario.windows)])
+        _legend(figure, [*sweep.motions, *published(scenario)])
         return figure
 
 
@@ -71,7 +71,7 @@ def pair_figure(pairs: Sequence[tuple[Scenario, Sweep]]) -> Figure:
             axes[1, column].set_xlim(scenario.low, scenario.high)
             if column:
                 axes[1, column].set_ylabel("")
-        _legend(figure, [motion for _, sweep in pairs for motion in sweep.motions])
+        _legend(figure, [m for s, row in pairs for m in (*row.motions, *published(s))])
         return figure
 
 
@@ -92,7 +92,8 @@ def raster_figure(scenario: Scenario, rows: Mapping[str, Sweep]) -> Figure:
         axes.set(xlabel=parameter_label(scenario.parameter), xlim=(scenario.low, scenario.high))
         axes.tick_params(left=False)
         axes.spines["left"].set_visible(False)
-        _legend(figure, [motion for row in rows.values() for motion in row.motions])
+        obtained = [motion for row in rows.values() for motion in row.motions]
+        _legend(figure, [*obtained, *published(scenario)])
         return figure
 
 
@@ -154,6 +155,11 @@ def _exponents(axes: Axes, sweep: Sweep) -> None:
     axes.set_ylim(bottom=min(low, -0.05) * 1.1)
     axes.set_ylim(top=HEADROOM * axes.get_ylim()[1])
     axes.legend(loc="upper right", fontsize=8, ncols=2)
+
+
+def published(scenario: Scenario) -> list[int]:
+    """Motions of the windows that the paper states."""
+    return [window.motion for window in scenario.windows]
 
 
 def _legend(figure: Figure, motions: Sequence[int]) -> None:

@@ -64,6 +64,11 @@ def _draw_torques(
     axes: Axes, ways: Sequence[Actuator], demands: Sequence[TorqueDemand], T_1: float
 ) -> None:
     marks = ((1, "o", "P1"), (2, "s", "P2 or P1"))
+    at = [abs(T_1)] if T_1 else []  # torques that the axis must show
+    for rated in at:
+        axes.axvline(rated, color=ORANGE, linewidth=1.6)
+        words = f"rated $T_1$ = {T_1:g} N m"
+        axes.text(rated * 1.08, len(ways) - 0.8, words, color=ORANGE, va="center")
     for row, actuator in enumerate(ways):
         name = actuator.name
         if all(d.actuator.name != name for d in demands):
@@ -76,10 +81,11 @@ def _draw_torques(
             for need, fill in ((smallest_demand(own), BLUE), (at_zero, "white")):
                 if need is not None and np.isfinite(need.K):
                     x = need.torque_n_m * scale
+                    at.append(x)
                     axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, mfc=fill)
-    axes.axvline(T_1, color=ORANGE, linewidth=1.6)
-    axes.text(T_1 * 1.08, len(ways) - 0.8, f"rated $T_1$ = {T_1:g} N m", color=ORANGE, va="center")
-    axes.set(xscale="log", xlim=(0.7 * T_1, 3e5), ylim=(len(ways) - 0.5, -0.5), yticks=[])
+    low, high = min(at, default=1.0), max(at, default=1.0)
+    axes.set(xscale="log", xlim=(0.7 * low, max(3e5, 1.4 * high)), yticks=[])
+    axes.set_ylim(len(ways) - 0.5, -0.5)
     axes.set_xlabel("largest torque amplitude on one body [N m]")
     axes.set_title("least torque that reaches the motion from all starts, over 0.1 of K")
     axes.grid(axis="x", color="#e3e5e9", linewidth=0.6)
@@ -152,7 +158,7 @@ def _draw_survival(axes: Axes, cases: Sequence[Survival]) -> None:
         for place, value, case in zip(x, y, own, strict=True):
             every = case.from_zero and case.from_running and case.parted == case.starts
             fill = colour if every else "white"
-            mark = MARKS.get(case.period, "D")
+            mark = MARKS.get(case.period if case.from_zero else case.wanted, "D")
             axes.plot(place, value, mark, color=colour, mfc=fill, mew=1.3, ms=5)
         lost = [place for place, value in zip(x, y, strict=True) if np.isnan(value)]
         rim = axes.get_xaxis_transform()
