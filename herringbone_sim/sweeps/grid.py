@@ -283,7 +283,8 @@ def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:
     """
     steps = dict(KERNEL)
     if base.method == "rk4":
-        every = base.steps <= meaning("samples_per_cycle").high
-        samples = base.steps if every else base.samples_per_cycle
-        steps |= {"steps_per_cycle": base.steps, "samples_per_cycle": samples}
+        own = base.steps_per_cycle if "steps_per_cycle" in chosen else base.steps
+        every = own <= meaning("samples_per_cycle").high
+        samples = own if every else base.samples_per_cycle
+        steps |= {"steps_per_cycle": own, "samples_per_cycle": samples}
     return base.changed({name: value for name, value in steps.items() if name not in chosen})
