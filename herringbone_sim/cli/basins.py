@@ -32,6 +32,7 @@ from herringbone_sim.cli.options import (
 )
 from herringbone_sim.cli.parameter_options import GearOptions, model_from, print_gear_notes
 from herringbone_sim.core.model import Model
+from herringbone_sim.core.sensitivity import need_tangents
 from herringbone_sim.dynamics.basins import (
     Basins,
     Sections,
@@ -41,7 +42,7 @@ from herringbone_sim.dynamics.basins import (
     random_starts,
 )
 from herringbone_sim.dynamics.exponent_methods import identify_motion
-from herringbone_sim.dynamics.flow import need_tangents, symmetry
+from herringbone_sim.dynamics.flow import symmetry
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.portraits import portraits
 from herringbone_sim.effects.written import effects_text

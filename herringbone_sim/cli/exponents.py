@@ -31,8 +31,8 @@ from herringbone_sim.cli.parameter_options import (
     print_gear_notes,
     settings,
 )
+from herringbone_sim.core.sensitivity import need_tangents
 from herringbone_sim.dynamics.exponent_methods import ExponentComparison, compare_exponents
-from herringbone_sim.dynamics.flow import need_tangents
 from herringbone_sim.dynamics.growth import Growth
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
 from herringbone_sim.sweeps.output import make_folder

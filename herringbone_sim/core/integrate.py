@@ -25,7 +25,7 @@ from herringbone_sim.core.model import (
 )
 from herringbone_sim.core.packed import TWO_PI
 from herringbone_sim.core.run import Kernel, StateArrays
-from herringbone_sim.core.sensitivity import Direction, Directions, need_series
+from herringbone_sim.core.sensitivity import Direction, Directions, need_series, need_tangents
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import DivergenceError, ParameterError
 
@@ -363,8 +363,7 @@ def largest_exponent(
             "an exponent and its standard error need at least 2 mesh cycles after a transient of "
             f"0 or more, got {cycles} after {transient}: take more"
         )
-    if model.parameters.method == "rk4" and model.integrator is None:
-        raise ParameterError("an exponent needs method: taylor, got rk4: change method")
+    need_tangents(model, "exponents")
     gear_stepper = stepper(model)
     n = model.parameters.samples_per_cycle
     now = gear_stepper.start(tangents=1)

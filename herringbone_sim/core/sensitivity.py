@@ -68,7 +68,12 @@ def need_series(model: Model, what: str) -> None:
             f"{what} need effects that fill slots, got a gear by its effects' own laws: give the "
             "effect a fill, see docs/effects.md"
         )
-    if model.parameters.method == "rk4":
+    need_tangents(model, what)
+
+
+def need_tangents(model: Model, what: str = "tangents") -> None:
+    """Raise ParameterError for ``method: rk4``, which steps over the kinks of the force."""
+    if model.parameters.method == "rk4" and model.integrator is None:
         raise ParameterError(f"{what} need method: taylor, got rk4: change method")
 
 

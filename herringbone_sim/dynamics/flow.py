@@ -18,16 +18,11 @@ from herringbone_sim.core.integrate import stepper
 from herringbone_sim.core.mirror import has_equal_halves, state_mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
+from herringbone_sim.core.sensitivity import need_tangents
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 MOST_ORDER = 64  # largest denominator of the control order: mesh cycles until it repeats
 MOST_CYCLES = 2100  # longest forcing period; two bodies of the default gear need 2079 at most
-
-
-def need_tangents(model: Model) -> None:
-    """Raise ParameterError for ``method: rk4``, which steps over the kinks of the force."""
-    if model.parameters.method == "rk4" and model.integrator is None:
-        raise ParameterError("tangents need method: taylor, got rk4: change method")
 
 
 class Flow(Protocol):

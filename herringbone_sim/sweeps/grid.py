@@ -268,7 +268,7 @@ def default_chunk(base: Parameters, actives: Sequence[Active], start: str) -> in
 
 def _with_room(base: Parameters) -> Parameters:
     """The gear with backlash enough to be built: an axis may replace what leaves it none."""
-    return base.changed({"delta_T": 0.0, "b": 1e4})
+    return base.changed({"delta_T": 0.0, "b": meaning("b").high})
 
 
 def with_sweep_steps(base: Parameters, chosen: Mapping[str, Any]) -> Parameters:

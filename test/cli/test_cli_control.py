@@ -7,6 +7,7 @@ import csv
 import numpy as np
 import pytest
 from gears import PAPER
+from matplotlib.figure import Figure
 
 from herringbone_sim.__main__ import main
 from herringbone_sim.cli import control_parts, control_text
@@ -20,6 +21,7 @@ from herringbone_sim.control.starts import Starts
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.sweeps.grid import Axis
+from herringbone_sim.views.figures import torques
 from herringbone_sim.views.figures.control import amplitude_figure
 from herringbone_sim.views.figures.torques import realisation_figure
 
@@ -182,3 +184,10 @@ def test_temperatures_without_a_gear_are_left_out(tmp_path):
 def test_torques_on_the_carrier_are_drawn_if_it_can_be_the_control(torque, scales):
     axes = amplitude_figure(forced_survey(), [], torque).axes[1]
     assert len(axes.child_axes) == scales
+
+
+def test_a_motion_from_the_running_gear_alone_has_the_mark_of_what_was_wanted():
+    case = Survival("k_factor", 0.01, 1, 2.0, False, True, 0, 8, 0.006)
+    axes = Figure().add_subplot()
+    torques._draw_survival(axes, [case])
+    assert [line.get_marker() for line in axes.lines if list(line.get_xdata()) == [1.0]][-1] == "o"

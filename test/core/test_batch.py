@@ -203,3 +203,10 @@ def test_mirror_exchanges_the_halves():
     names = np.array(layout.state_names)
     swapped = [name.translate(str.maketrans("LR", "RL")) for name in names]
     assert list(names[layout_mirror(layout)]) == swapped
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_exponent_of_a_single_cycle_has_no_error():
+    batch = run_batch([gears.make()], transient=5, cycles=1, points=1, exponents=True)
+    assert np.isfinite(batch.exponents).all()
+    assert np.isnan(batch.exponent_errors).all()

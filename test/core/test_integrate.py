@@ -255,7 +255,7 @@ def test_a_whole_natural_frequency_leaves_the_clock_of_other_gears_alone(monkeyp
 
 def test_what_gives_no_exponent_is_refused():
     for model, transient, words in (
-        (make(method="rk4"), 5, "method: taylor"),
+        (make(method="rk4"), 5, "exponents need method: taylor"),
         (make(), -1, "got 10 after -1"),
     ):
         with pytest.raises(ParameterError, match=words):

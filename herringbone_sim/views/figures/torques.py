@@ -64,8 +64,8 @@ def _draw_torques(
     axes: Axes, ways: Sequence[Actuator], demands: Sequence[TorqueDemand], T_1: float
 ) -> None:
     marks = ((1, "o", "P1"), (2, "s", "P2 or P1"))
-    at = [abs(T_1)] if T_1 else []  # torques that the axis must show
-    for rated in at:
+    torques = [abs(T_1)] if T_1 else []  # that the axis must show
+    for rated in torques:
         axes.axvline(rated, color=ORANGE, linewidth=1.6)
         words = f"rated $T_1$ = {T_1:g} N m"
         axes.text(rated * 1.08, len(ways) - 0.8, words, color=ORANGE, va="center")
@@ -81,9 +81,9 @@ def _draw_torques(
             for need, fill in ((smallest_demand(own), BLUE), (at_zero, "white")):
                 if need is not None and np.isfinite(need.K):
                     x = need.torque_n_m * scale
-                    at.append(x)
+                    torques.append(x)
                     axes.plot(x, row + shift, mark, mec=BLUE, mew=1.3, ms=6.5, mfc=fill)
-    low, high = min(at, default=1.0), max(at, default=1.0)
+    low, high = min(torques, default=1.0), max(torques, default=1.0)
     axes.set(xscale="log", xlim=(0.7 * low, max(3e5, 1.4 * high)), yticks=[])
     axes.set_ylim(len(ways) - 0.5, -0.5)
     axes.set_xlabel("largest torque amplitude on one body [N m]")
