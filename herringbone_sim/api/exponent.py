@@ -70,7 +70,7 @@ class Exponents(NotebookResult):
 
     def plot(self) -> Picture:
         """Figure with convergence, spectrum, two trajectories and 0-1 test."""
-        return Picture(exponents_figure(self.methods, self.title()))
+        return Picture(exponents_figure(self.methods, ""))
 
 
 @any_gear()

@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from herringbone_sim.analysis.known_gear import effect_texts, gear_of, numbers_of
 from herringbone_sim.analysis.pipeline import Options, SegmentResult, analyze_series
 from herringbone_sim.api.gear import Gear, any_gear, model_of
@@ -17,11 +15,12 @@ from herringbone_sim.api.shown import NotebookResult, Picture, data_frame, libra
 from herringbone_sim.arrays import Array
 from herringbone_sim.core import integrate
 from herringbone_sim.core.layout import unit_of
-from herringbone_sim.core.model import Model, build, carry_over
-from herringbone_sim.core.parameters import from_mapping
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.stepper import change
 from herringbone_sim.errors import AnalysisError, ParameterError, shown
-from herringbone_sim.recording.parameter_file import EFFECTS, values_of_gear
+from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
 from herringbone_sim.views.figures.motion import motion_figure
 from herringbone_sim.views.figures.style import Scale
@@ -89,10 +88,7 @@ class Run(NotebookResult):
     def to_xarray(self) -> Any:
         """All channels as an ``xarray.Dataset`` over ``time``, with their units."""
         xarray = library("xarray")
-        columns = {
-            name: ("time", self.samples[name], {"units": unit_of(name)})
-            for name in self.samples.names
-        }
+        columns = {name: ("time", self.samples[name], _units(name)) for name in self.samples.names}
         time = ("time", self.t, {"units": "s"})
         return xarray.Dataset(columns, {"time": time}, {"name": self.name})
 
@@ -103,7 +99,7 @@ class Run(NotebookResult):
         span = float(self.t[-1] - self.t[0])
         try:
             motions = ", ".join(segment.label for segment in self.segments)
-        except AnalysisError as error:
+        except (AnalysisError, ParameterError) as error:
             motions = f"not known: {error}"
         facts = [
             (
@@ -134,6 +130,14 @@ class Run(NotebookResult):
             raise AnalysisError(f"mesh must be one of {names}, got {shown(mesh)}")
         scale = Scale.of(self._gear.b_c_m, self._gear.omega_n)
         return Picture(motion_figure(result, mesh or result.motion.meshes[0], scale))
+
+
+def _units(channel: str) -> dict[str, str]:
+    """Attributes of a channel in ``to_xarray``: its unit; none for a name of another program."""
+    try:
+        return {"units": unit_of(channel)}
+    except KeyError:
+        return {}
 
 
 @any_gear()
@@ -181,16 +185,13 @@ def _continued(start: Run | None, model: Model) -> integrate.State | None:
     """
     if start is None or start.end is None:
         return None
-    own = {name: value for name, value in start.parameters.items() if name != EFFECTS}
-    old, y = build(from_mapping(own)), start.end.y
+    old, y = build_with(*gear_of_values(start.parameters)), start.end.y
     if old.layout != model.layout or len(y) != model.n_state:
         raise ParameterError(
             f"start must be a run of a gear with {model.n_state} states, got {len(y)}: continue "
             "it with the same model and the same rings and pins that move"
         )
-    n = model.layout.n_state
-    carried = carry_over(old, model, y[:n], 0.0)
-    return replace(start.end, y=np.concatenate([carried, y[n:]]))
+    return change(integrate.stepper(old), integrate.stepper(model), start.end)
 
 
 @any_gear()

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, ParameterError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ class NotebookResult:
             return text
         try:
             image = base64.b64encode(plot()._repr_png_()).decode()
-        except AnalysisError:
+        except (AnalysisError, ParameterError):
             return text
         return f"{text}<img alt='{escape(self.title())}' src='data:image/png;base64,{image}'>"
 

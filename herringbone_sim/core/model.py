@@ -285,14 +285,20 @@ def with_added_states(model: Model, y: Array) -> Array:
 def carry_over(old: Model, new: Model, y: Array, phase: float) -> Array:
     """Return the state of a changed gear with the same relative displacements and velocities.
 
-    A change of the error or of Omega changes e and de/dtau, and the coordinates accordingly. With
-    errors that differ between planets, x and v can be kept only at ring meshes and planet 1.
+    A change of the error or of Omega changes e and de/dtau, one of b_c or omega_n the units of y,
+    and the coordinates accordingly. With errors that differ between planets, x and v can be kept
+    only at ring meshes and planet 1.
     """
-    same = all(
+    before, after = old.scales, new.scales
+    to_x, to_v = before.b_c / after.b_c, before.velocity_m_per_s / after.velocity_m_per_s
+    same = to_x == to_v == 1.0 and all(
         np.array_equal(getattr(old.bare, name), getattr(new.bare, name))
         for name in ("e_mean", "e_cos", "e_sin", "Omega")
     )
-    return y if same else state(new, *relative(old, y, phase), phase)
+    if same:
+        return y
+    x, v = relative(old, y, phase)
+    return state(new, to_x * x, to_v * v, phase)
 
 
 def body_displacements(model: Model, y: Array) -> Array:

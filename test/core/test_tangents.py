@@ -66,7 +66,7 @@ def test_exponent_is_the_growth_over_the_cycles_that_were_asked_for(gear, cycles
 
 
 def test_one_cycle_gives_no_standard_error(gear):
-    with pytest.raises(ParameterError, match="at least 2 mesh cycles .*, got 1 "):
+    with pytest.raises(ParameterError, match=r"at least 2 mesh cycles .*, got 1 "):
         largest_exponent(gear(), 1)
 
 

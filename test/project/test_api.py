@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_support import make_rows, write_run
+from recording_support import NAMES as CHANNELS
+from recording_support import foreign_file, make_rows, write_run
 
 import herringbone_sim as hb
 from herringbone_sim.api import NAMES
@@ -215,3 +217,41 @@ def test_numbers_of_numpy_are_starts_of_orbits():
 def test_what_cannot_be_is_refused_in_one_line(ask, kind, words):
     with pytest.raises(kind, match=words):
         ask()
+
+
+def test_a_run_goes_on_in_si_units_in_a_gear_of_other_scales():
+    """The first sample, 1/2000 of a cycle on, has x and v as in an unchanged gear."""
+    before = hb.simulate(PAPER, cycles=20)
+    same = hb.simulate(PAPER, cycles=1, start=before)
+    for changes in ({"k_m_sp": 6e9}, {"I_s": 0.08}, {"b_c": 2e-4}, {"omega_n": 5000.0}):
+        changed = hb.simulate(PAPER, cycles=1, start=before, **changes)
+        for name in ("x_sp_L", "x_rp_R", "v_sp_L", "v_rp_R"):
+            assert changed[name][0] == pytest.approx(same[name][0], rel=1e-9), (changes, name)
+
+
+def test_a_run_goes_on_with_the_states_of_its_effects_in_si_units():
+    gear = {"gear": PAPER, "effects": "ring_flexibility@rp"}
+    before = hb.simulate(cycles=20, **gear)
+    same = hb.simulate(cycles=1, start=before, **gear)
+    changed = hb.simulate(cycles=1, start=before, k_m_sp=6e9, **gear)
+    assert changed["v_rp_R"][0] == pytest.approx(same["v_rp_R"][0], rel=1e-9)
+
+
+def test_a_run_of_a_gear_that_can_not_be_shows_itself():
+    run = hb.simulate(PAPER, cycles=60)
+    hot = replace(run, parameters={**run.parameters, "delta_T": 900.0})
+    assert "not known: delta_T = 900 K" in repr(hot)
+    assert "<table>" in hot._repr_html_()
+
+
+def test_channels_of_another_program_are_given_to_xarray_without_a_unit(tmp_path):
+    rows = np.column_stack([make_rows(0, 500), np.arange(500.0)])
+    foreign_file(tmp_path / "rig.mcap", [rows], names=(*CHANNELS, "oil_temp"))
+    data = hb.read_run(tmp_path / "rig.mcap").to_xarray()
+    assert data["x_sp_L"].attrs["units"] == "m"
+    assert "units" not in data["oil_temp"].attrs
+
+
+def test_the_picture_of_exponents_names_the_motion_once():
+    found = hb.exponents(PAPER, cycles=300, transient=200, delta_T=90.0)
+    assert found.plot().figure.get_suptitle().strip() == found.title()

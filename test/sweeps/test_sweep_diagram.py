@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from sweep_support import axis, gear, run, small
 
 from herringbone_sim.core.batch import run_batch
@@ -16,10 +17,11 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps.chains import ramp
-from herringbone_sim.sweeps.diagram import diagram_of
+from herringbone_sim.sweeps.diagram import Branch, diagram_of
 from herringbone_sim.sweeps.grid import Axis, Observation, Sweep, with_sweep_steps
 from herringbone_sim.sweeps.observe import section_displacements
 from herringbone_sim.sweeps.store import load_result, open_store
+from herringbone_sim.views.figures.diagram import _spans, draw_exponents
 
 WARM = axis("delta_T", 70.0, 90.0, 5)
 LOOK = Observation(150, 80, 80, False, "sp_L")
@@ -179,3 +181,17 @@ def test_a_ramp_that_begins_anew_after_a_failure_is_drawn_at_its_value(tmp_path:
     assert not branch.reasons[1]
     assert (branch.point_values[1] == 100.0).all()
     assert (branch.point_values[0][0], branch.point_values[0][-1]) == (98.0, 80.0)
+
+
+def test_grey_reaches_half_way_to_the_neighbours_on_uneven_axes() -> None:
+    chosen = np.array([False, True, False, False, False])
+    assert _spans((0.0, 0.01, 0.02, 0.03, 1.0), chosen) == [pytest.approx((0.005, 0.015))]
+
+
+def test_no_legend_names_a_curve_that_is_not_there() -> None:
+    """As of gears whose halves are unlike, which have no exponent of left against right."""
+    x, none = np.arange(3.0), np.full(3, np.nan)
+    columns = x[:, None], x[:, None], x, x, none, none, x
+    axes = Figure().subplots()
+    draw_exponents(axes, [Branch("fixed", x, *columns, ("",) * 3)])
+    assert [t.get_text() for t in axes.get_legend().get_texts()] == ["of all perturbations"]

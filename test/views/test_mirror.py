@@ -239,3 +239,27 @@ def test_a_temperature_that_is_not_finite_leaves_the_gear_as_it_is() -> None:
     gear = Parameters(delta_T=40.0)
     assert at_temperature(gear, {"delta_T": float("nan")}) is gear
     assert at_temperature(gear, {"delta_T": 50.0}) == gear.changed({"delta_T": 50.0})
+
+
+def test_nothing_of_before_a_restart_is_in_the_portrait_and_the_lanes(monkeypatch) -> None:
+    from unittest.mock import MagicMock
+
+    from herringbone_sim.views.mirror.lanes import ContactLanes
+    from herringbone_sim.views.mirror.stream import RerunStream
+
+    seen = []
+    monkeypatch.setattr(ContactLanes, "send", lambda self, times, x, b: seen.append(times))
+    stream = RerunStream(MagicMock(), SCALED)
+    for start in (80000, 80160, 0, 160):
+        stream.send(make_block(start=start, cycles=10))
+    assert [len(times) for times in seen] == [160, 320, 160, 320]
+    assert all((np.diff(times) > 0.0).all() for times in seen)
+
+
+def test_a_hole_in_the_phase_does_not_shorten_the_last_cycles() -> None:
+    from herringbone_sim.views.mirror.stream import last_cycles
+
+    block = make_block(cycles=30)
+    rows = block.rows.copy()
+    rows[-1, block.names.index("phase")] = np.nan
+    assert last_cycles(rows, block.names, 20) == pytest.approx(159, abs=1)

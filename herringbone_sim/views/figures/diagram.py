@@ -19,6 +19,7 @@ from herringbone_sim.views.figures.style import (
     INK,
     ORANGE,
     STYLE,
+    cell_edges,
     parameter_label,
     save,
 )
@@ -97,7 +98,8 @@ def draw_exponents(axes: Axes, branches: list[Branch]) -> None:
         axes.plot(branch.values, alike, color=colour, label=name if alone else label)
         look: Any = {"color": ORANGE} if alone else {"color": colour, "linestyle": ":"}
         parts = "parts left and right" if branch is branches[-1] else None
-        axes.plot(branch.values, branch.transverse, label=parts, **look)
+        if np.isfinite(branch.transverse).any():
+            axes.plot(branch.values, branch.transverse, label=parts, **look)
     axes.set(title="largest Lyapunov exponent", ylabel=r"$\lambda_1$ per $\tau$")
     axes.legend(fontsize=8, loc="best", ncols=2, handletextpad=0.4, columnspacing=1.2)
 
@@ -112,11 +114,8 @@ def _legend(axes: Axes, ncols: int) -> None:
 
 
 def _spans(values: tuple[float, ...], chosen: Flags) -> list[tuple[float, float]]:
-    """Return the ends of each stretch of consecutive chosen values, widened by half a step."""
+    """Return the ends of each stretch of chosen values, widened by half of the steps beside it."""
     places = np.array(values)
-    half = np.diff(places).mean() / 2.0 if len(places) > 1 else 0.0
+    ends = cell_edges(places) if len(places) > 1 else np.repeat(places, 2)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
-    return [
-        (float(places[a] - half), float(places[b - 1] + half))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [(float(ends[a]), float(ends[b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]

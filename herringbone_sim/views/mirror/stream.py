@@ -82,7 +82,7 @@ class RerunStream:
         self.recording.set_time("wall_time", timestamp=np.datetime64(int(block.wall_ns), "ns"))
         self._arrange(block, burst)
         self._send_courses(block, burst)
-        self._recent = self._with_recent(block, burst)
+        self._recent = burst.rows if restart else self._with_recent(block, burst)
         self._send_contact(block)
         if self._planes:
             self._planes.send(block, self._recent)
@@ -234,7 +234,11 @@ def last_cycles(rows: Array, names: tuple[str, ...], cycles: int) -> int:
     if "phase" not in names:
         return 0
     phase = rows[:, names.index("phase")]
-    return int(np.searchsorted(phase, phase[-1] - 2 * pi * cycles - 1e-9))
+    known = np.flatnonzero(np.isfinite(phase))
+    if not known.size:
+        return 0
+    first = np.searchsorted(phase[known], phase[known[-1]] - 2 * pi * cycles - 1e-9)
+    return int(known[first]) if first else 0
 
 
 def window_of(block: MirrorBlock, cycles: int) -> float:
