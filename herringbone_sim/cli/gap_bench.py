@@ -78,6 +78,8 @@ def run(
     Raises:
         AnalysisError: nothing to diagnose or print, or seeds that the judge was fitted on.
     """
+    if table and (seeds is not None or out is not None):
+        raise AnalysisError("--table only prints a stored bench, without --seeds and --out")
     if not table:
         if seeds is None or out is None:
             raise AnalysisError("a bench needs --seeds and --out, a stored one --table: give them")

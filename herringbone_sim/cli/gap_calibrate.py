@@ -17,6 +17,7 @@ from herringbone_sim.practice.case_evidence import bench_evidence, read_evidence
 from herringbone_sim.practice.pool import Resources
 from herringbone_sim.practice.seeds import check_seeds, parse_seeds
 from herringbone_sim.practice.trial import sources
+from herringbone_sim.sweeps.output import make_folder
 
 EXAMPLES = """\
 python -m herringbone_sim gap calibrate --evidence test/data/evidence.jsonl --out weights.json
@@ -40,6 +41,9 @@ def run(
     Raises:
         AnalysisError: neither seeds with a folder nor evidence is given.
     """
+    if evidence is not None and (seeds is not None or folder is not None):
+        raise AnalysisError("--evidence stands instead of --seeds and --folder: leave one out")
+    make_folder(out.parent)
     if evidence is not None:
         campaigns = read_evidence(evidence)
     elif seeds is None or folder is None:

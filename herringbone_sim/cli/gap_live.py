@@ -18,6 +18,7 @@ from typing import Annotated, Any
 from herringbone_sim.cli.arguments import Alone
 from herringbone_sim.cli.options import FORMS, NO_ROS, File, flattened, limits, mirror_target
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.errors import HerringboneError
 from herringbone_sim.recording.parameter_file import load_parameters
 
 EXAMPLES = """\
@@ -75,6 +76,8 @@ def run(*, options: Options = Options()) -> int:
         from herringbone_sim.views.mirror.live import LiveMirror
 
         mirror = LiveMirror(target)
+        if mirror.state != "running":
+            raise HerringboneError(f"--rerun {options.rerun}: mirror {mirror.state}")
         outputs.append(mirror.show)
 
     def show(picture: Any, topics: tuple[str, ...]) -> None:

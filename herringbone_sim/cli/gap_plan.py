@@ -88,6 +88,12 @@ def run(*, options: Options) -> int:
     check_sensors(nominal.layout, [*sensors, *also])
     points = [point_of(text, nominal) for text in options.points] or default_points()
     noise = noise_of(options.noise)
+    named = (*noise.shares, *noise.values)
+    if idle := [n for n in named if not any(noise.is_of(n, s) for s in (*sensors, *also))]:
+        raise ParameterError(
+            f"--noise names {listed(idle)}, with which none of the channels "
+            f"{listed([*sensors, *also])} begins: name one of them, or leave it out"
+        )
     make_folder(options.out)
     with progress(STEPS * (1 + len(also))) as step:
         base = plan(nominal, points, sensors, noise, options.cycles, step)

@@ -28,6 +28,7 @@ KINDS: dict[Kind, tuple[str, str]] = {
     "Omega-T_1": ("Omega=0.2:2", "T_1=10:2000"),
 }
 LISTED = ", ".join(f"{kind} ({' x '.join(axes)})" for kind, axes in KINDS.items())
+SIZE = 200  # values along each axis of --kind
 AXES = one_of("axes, one of")
 EXAMPLES = """\
 python -m herringbone_sim map --kind delta_T-K --size 40 \\
@@ -47,7 +48,7 @@ def run(
         "values of a parameter, given twice: to the right, then upwards",
     ] = (),
     kind: Annotated[Kind | None, AXES, f"ready-made axes: {LISTED}"] = None,
-    size: Annotated[Count, "values along each axis of --kind"] = 200,
+    size: Annotated[Count | None, f"values along each axis of --kind [{SIZE}]"] = None,
     start: Annotated[
         Literal["fixed", "up", "down"],
         "each value from the initial state, or by continuation from the final state of its "
@@ -61,7 +62,10 @@ def run(
     Raises:
         ParameterError: there are not exactly two axes with two values or more.
     """
-    texts = [f"{axis}:{size}" for axis in KINDS[kind]] if kind else over
+    if size is not None and not kind:
+        raise ParameterError("--size must come with --kind, got --over: give its COUNT there")
+    count = SIZE if size is None else size
+    texts = [f"{axis}:{count}" for axis in KINDS[kind]] if kind else over
     if len(texts) != 2:
         raise ParameterError(f"a map has two axes, got {len(texts)}: give --over twice")
     axes = tuple(axis_from_text(text) for text in texts)

@@ -42,7 +42,7 @@ class Options:
     hidden: Annotated[bool, "draw the effects by the seed"] = False
     runs: Annotated[Count, "runs"] = 8
     held_out: Annotated[Count, "of them, of role held_out"] = 3
-    cycles: Annotated[Count, "mesh cycles of a run"] = 120
+    cycles: Annotated[Count, limits(gte=1), "mesh cycles of a run"] = 120
     snr: Annotated[
         float, "DB", limits(gt=-200, lt=1000), "signal-to-noise ratio of every channel"
     ] = 40.0
@@ -80,6 +80,10 @@ def run(*, options: Options) -> int:
     of_labels = Path(os.path.abspath(labels))
     if place in (of_labels, *of_labels.parents):
         raise RecordingError(f"labels must lie outside the campaign, got {labels}: set --labels")
+    if (of_labels / f"{name}.json").exists():
+        raise RecordingError(
+            f"{labels / name}.json exists, and a label is never overwritten: set --labels or --out"
+        )
     plan = RigPlan(
         nominal=nominal,
         actives=actives,

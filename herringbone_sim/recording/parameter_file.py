@@ -121,7 +121,7 @@ def ros_text(path: Path | str) -> str:
             values[EFFECTS] = effects_text(read_effects(values[EFFECTS]))
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
-    parameters = {name: value for name, value in values.items() if value != []}
+    parameters = {n: value for n, value in values.items() if value is not None and value != []}
     document = {"/**": {"ros__parameters": parameters}}
     return str(yaml.dump(document, Dumper=_Quoting, sort_keys=False, width=math.inf))
 

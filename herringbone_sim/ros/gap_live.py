@@ -32,6 +32,9 @@ from herringbone_sim.views.mirror.live_text import data
 
 NAME = "gap"
 DEPTH = 200  # samples messages queued by a subscription
+ANY = QoSProfile(
+    reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1
+)
 SAMPLES = "std_msgs/msg/Float64MultiArray"
 REST = 2.0  # least pause after a comparison, as a multiple of its duration
 
@@ -136,7 +139,8 @@ class _Listener:
         try:
             self._samples = self._subscribe()
             topic = f"{stream.topic.removesuffix('samples')}channels"
-            node.create_subscription(String, topic, lambda m: stream.set_channels(m.data), LATCHED)
+            for qos in (LATCHED, ANY):  # the second hears what is volatile or best effort
+                node.create_subscription(String, topic, lambda m: stream.set_channels(m.data), qos)
         except InvalidTopicNameException as error:
             raise ParameterError(f"{stream.topic} is no name of a topic: {error}") from error
 

@@ -365,7 +365,7 @@ class Loop:
                 if not self._calls:
                     self._lock.wait(IDLE_S)
                 return
-            n, factor = self._block_length(), self._factor
+            n, factor, step = self._block_length(), self._factor, self._step
         began = self._clock()
         block = self._stepper.advance(self._state, n)
         took = self._clock() - began
@@ -377,7 +377,7 @@ class Loop:
         made = Delivery(shown, self.model, changes, restarted, self._actives, clock)
         self._deliver(made)
         with self._lock:
-            self._account(block)
+            self._account(block, step)
 
     def _take_changes(self) -> None:
         """Apply the submitted changes.
@@ -428,12 +428,15 @@ class Loop:
             self._sleep(min(due - now, IDLE_S))
             now = self._clock()
 
-    def _account(self, block: Block) -> None:
+    def _account(self, block: Block, step: Step | None) -> None:
+        """Take over the state after a block, which counts for the step it was computed for."""
         self.pace.samples += len(block.rows)
         self.pace.note(self._clock(), block.end.t - block.start.t)
         self._state = block.end
-        if self._step:
+        if self._step and self._step is step:
             self._step.left -= len(block.rows)
+        elif self._step:  # asked for while this block, from before the pause, was under way
+            self._step.begin(self.model, self._state)
         if block.diverged:
             self._paused = True
             self._end_step("the motion diverged on the way")

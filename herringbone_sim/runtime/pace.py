@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -69,11 +70,12 @@ def check_pace(model: Model, real_time_factor: float) -> None:
         return
     apart = sample_period_s(model) / real_time_factor
     if apart > LATEST_BLOCK_S:
-        enough = model.parameters.samples_per_cycle * apart / LATEST_BLOCK_S
+        enough = math.ceil(model.parameters.samples_per_cycle * apart / LATEST_BLOCK_S)
+        least = 1.01 * sample_period_s(model) / LATEST_BLOCK_S  # three digits round by 0.5 %
         raise ParameterError(
             f"real_time_factor {real_time_factor:g} leaves {apart:.3g} s of wall time between "
             f"samples, more than {LATEST_BLOCK_S} s: raise it to "
-            f"{sample_period_s(model) / LATEST_BLOCK_S:.3g} or samples_per_cycle to {enough:.0f}"
+            f"{least:.3g} or samples_per_cycle to {enough}"
         )
 
 

@@ -43,6 +43,10 @@ class Step:
         self.left = cycles * model.parameters.samples_per_cycle
         self.cut = ""
         self.ended: Future[Stepped] = Future()
+        self.begin(model, state)
+
+    def begin(self, model: Model, state: State) -> None:
+        """Count the mesh cycles from this state on."""
         self._began = turns(model, state)
 
     def changed(self, old: Model, new: Model) -> None:

@@ -224,3 +224,26 @@ def test_defaults_are_shown() -> None:
         help_of("gap bench").split()
     )
     assert gap_live.Options().seconds == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("map --over K=0:1:2 --over delta_T=0:9:2 --size 5 --out {}/m", "--size"),
+        ("gap bench --table {}/stored --seeds 1:3 --out {}/b", "--table"),
+        ("gap calibrate --evidence {}/e --seeds 1:3 --folder {}/f --out {}/w.json", "--evidence"),
+        ("rig make --cycles 0 --runs 1 --held-out 0 --out {}/rigs/none", "--cycles"),
+        (
+            "gap plan --nominal {ROOT}/config/rig.yaml --sensors u_s_L,u_c --noise angel=1e-6 "
+            "--out {}/p",
+            "angel",
+        ),
+    ],
+)
+def test_what_would_be_ignored_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, named: str
+) -> None:
+    root = str(Path(__file__).parents[2])
+    line = [w.replace("{ROOT}", root).replace("{}", str(tmp_path)) for w in words.split()]
+    assert main(line) == 2
+    assert named in capsys.readouterr().err

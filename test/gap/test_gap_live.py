@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gap_support import NOMINAL, POINTS, noisy, sampled
 
+from herringbone_sim.__main__ import main
 from herringbone_sim.cli.options import mirror_target
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
@@ -389,3 +390,34 @@ def test_what_is_not_recorded_counts_as_the_rest(stiff: TimeSeries) -> None:
     found = motion_at_operating_point(TimeSeries(stiff.times, data, stiff.names), NOMINAL)
     assert found.contact_shares[found.meshes.index("sp1_L")].tolist() == [0.0, 0.0, 1.0]
     assert found.point["delta_T"] == POINTS[0]["delta_T"]
+
+
+@pytest.mark.parametrize("said", [None, "hot", [1, 2], True])
+def test_an_operating_point_that_is_no_number_is_not_taken(
+    stiff: TimeSeries, said: object
+) -> None:
+    bench = Bench()
+    keep = tuple(n for n in stiff.names if n != "delta_T")
+    bench.rig.set_channels(json.dumps({"parameters": {"delta_T": said}}))
+    bench.send(bench.rig, TimeSeries(stiff.times, stiff.columns(keep), keep))
+    picture = bench.comparison.update()
+    assert any("of the nominal gear is taken" in remark for remark in picture.remarks)
+
+
+def test_a_channel_that_stands_twice_is_refused(stiff: TimeSeries) -> None:
+    bench = Bench()
+    names = (*stiff.names[:-1], stiff.names[-2])
+    bench.rig.add_samples(encode_samples(names, stiff.data[:150]))
+    picture = bench.comparison.update()
+    assert picture.rig.refused == 1
+    assert f"got twice: {names[-1]}" in line(picture)
+
+
+@pytest.mark.parametrize("where", ["connect=127.0.0.1:9", "connect=foo:bar"])
+def test_a_viewer_that_is_not_there_is_said_at_once(
+    capsys: pytest.CaptureFixture[str], where: str
+) -> None:
+    importlib.import_module("rerun")
+    importlib.import_module("rclpy")
+    assert main(["gap", "live", "--rerun", where, "--seconds", "0.1"]) == 2
+    assert "mirror failed" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from herringbone_sim.__main__ import main
 from herringbone_sim.diagnosis import judge, judge_weights
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.examine import WORTH_SEEKING
@@ -174,3 +175,17 @@ def test_kinds_of_which_there_are_few_campaigns_take_the_weights_of_the_others(
     alone, beside = calibrate(squares), calibrate([*squares, *few])
     assert set(alone.weights) == set(beside.weights) == {"squares"}
     assert beside.figures["all"]["campaigns"] >= 3.0
+
+
+def test_the_folder_of_the_weights_is_made_before_they_are_fitted(tmp_path, monkeypatch, capsys):
+    def fit(*_):
+        raise AnalysisError("fitted")
+
+    monkeypatch.setattr("herringbone_sim.cli.gap_calibrate.calibrate", fit)
+    monkeypatch.setattr("herringbone_sim.cli.gap_calibrate.read_evidence", lambda _: [])
+    words = ["gap", "calibrate", "--evidence", "e.jsonl", "--out"]
+    assert main([*words, str(tmp_path / "new" / "w.json")]) == 2
+    assert (tmp_path / "new").is_dir()
+    (tmp_path / "file").touch()
+    assert main([*words, str(tmp_path / "file" / "w.json")]) == 2
+    assert "choose another --out" in capsys.readouterr().err

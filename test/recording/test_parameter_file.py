@@ -187,3 +187,10 @@ def test_texts_that_look_like_something_else_stay_quoted_for_ros(written, text):
     assert line.endswith(f'"{text}"')
     again = written(values)
     assert ros_text(again) == values
+
+
+def test_what_is_empty_is_left_out_for_ros(written):
+    values = ros_text(
+        written(parameters("K:\n    record_name:\n    planet_angle: []\n    b: 0.5"))
+    )
+    assert values.splitlines()[2:] == ['    "b": 0.5']

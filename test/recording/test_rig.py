@@ -189,3 +189,14 @@ def test_the_effects_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out
     assert "tooth_crack (mesh)" in shown
     assert "depth [-] 0 .. 0.95" in shown
+
+
+def test_a_campaign_whose_label_could_not_be_written_is_not_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, labels = tmp_path / "mine", tmp_path / "truth"
+    labels.mkdir()
+    (labels / "mine.json").write_text("{}", encoding="utf-8")
+    assert main(["rig", "make", "--out", str(out), "--labels", str(labels), "--cycles", "5"]) == 2
+    assert "mine.json exists" in capsys.readouterr().err
+    assert not out.exists()

@@ -140,3 +140,19 @@ def test_a_prefix_needs_no_slash(bench: Bench, prefix: str) -> None:
     assert node.comparison.rig.topic == "/rig/samples"
     assert "/rig: simulator" in node._streams
     node.destroy_node()
+
+
+@pytest.mark.parametrize("reliability", ["RELIABLE", "BEST_EFFORT"])
+def test_the_channels_of_a_rig_are_heard_by_whatever_service(
+    bench: Bench, listener: GapNode, reliability: str
+) -> None:
+    """A rig that is no simulator seldom keeps its last message for those who come late."""
+    qos = QoSProfile(depth=5, reliability=ReliabilityPolicy[reliability])
+    out = bench.client.create_publisher(String, "/rig/herringbone_sim/channels", qos)
+    said = String(data=json.dumps({"parameters": {"delta_T": 33.0}}))
+
+    def heard() -> bool:
+        out.publish(said)
+        return listener.comparison.rig.parameters == {"delta_T": 33.0}
+
+    wait_until(heard)

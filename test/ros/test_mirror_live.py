@@ -35,3 +35,12 @@ def test_what_fails_in_the_mirror_is_logged(
     node = bench.simulator(mirror="save", mirror_path=str(tmp_path / "run.rrd"))
     wait_until(lambda: [log for log in logs if "math domain error" in log.msg])
     assert node.mirror.state == "failed: math domain error"
+
+
+def test_a_mirror_path_may_begin_with_the_home_folder(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    bench.simulator(mirror="save", mirror_path="~/run.rrd", real_time_factor=0.01)
+    wait_until(lambda: (tmp_path / "run.rrd").exists(), 120.0)

@@ -255,3 +255,14 @@ def test_blocks_stay_short_when_computing_is_slow(model: Model, runs: list[Run])
     run.until(6)
     run.loop.close()
     assert all(len(d.block.rows) * 1e-5 <= 0.06 for d in run.got[1:])
+
+
+@pytest.mark.parametrize("Omega", [0.8, 0.9, 1.0, 1.1])
+@pytest.mark.parametrize("factor", [1e-4, 7e-5, 3e-5, 1e-5])
+def test_what_is_said_to_do_for_a_slow_pace_does(Omega: float, factor: float) -> None:
+    gear = Parameters(Omega=Omega)
+    with pytest.raises(ParameterError) as refused:
+        check_pace(build(gear), factor)
+    words = str(refused.value).split()
+    check_pace(build(gear), float(words[words.index("or") - 1]))
+    check_pace(build(gear.changed({"samples_per_cycle": int(words[-1])})), factor)

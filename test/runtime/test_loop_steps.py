@@ -184,3 +184,25 @@ def test_a_reset_drops_what_was_changed_while_paused(model: Model, runs: list[Ru
     assert run.got[-1].changes == ()
     assert run.got[-1].block.rows[0, 0] == 0.0
     assert run.got[-1].block.rows[0, 2] == 0.3
+
+
+def test_a_step_asked_for_during_a_block_has_its_own_length(model: Model, runs: list[Run]) -> None:
+    """That block, begun before the pause, is no part of it."""
+    run = Run(model, real_time_factor=0.0)
+    runs.append(run)
+    inside, go_on = threading.Event(), threading.Event()
+
+    def hold(_: Delivery) -> None:
+        inside.set()
+        go_on.wait(10.0)
+
+    run.loop.start()
+    run.until(1)
+    run.hook = hold
+    assert inside.wait(10.0)
+    run.loop.pause()
+    came = ThreadPoolExecutor(1).submit(run.loop.step, 1)
+    time.sleep(0.2)
+    run.hook = lambda _: None
+    go_on.set()
+    assert came.result(10.0) == Stepped(1.0, run.loop.t_s)

@@ -16,9 +16,11 @@ from herringbone_sim.core.model import build, half_backlashes
 from herringbone_sim.core.parameters import Parameters, to_mapping
 from herringbone_sim.core.scaling import scales
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.channels import Channels
 from herringbone_sim.recording.reader import ParameterChange, Recording, read_recording
 from herringbone_sim.recording.writer import RunWriter
+from herringbone_sim.views.mirror import screenshot
 from herringbone_sim.views.mirror.replay import block_edges, layout_of, prepare, replay_blocks
 
 CYCLES = 130
@@ -198,3 +200,15 @@ def test_picture_is_drawn_or_the_missing_driver_is_said(
     else:
         assert "Vulkan" in capsys.readouterr().err
         assert not png.exists()
+
+
+def test_a_picture_in_a_new_folder_is_written_and_a_wrong_one_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(screenshot, "rerun_binary", lambda: "true")
+    monkeypatch.setattr(screenshot, "await_answer", lambda *_: None)
+    monkeypatch.setattr(screenshot, "stable_screenshot", lambda _: b"picture")
+    screenshot.take_screenshot(tmp_path / "run.rrd", tmp_path / "new" / "run.png")
+    assert (tmp_path / "new" / "run.png").read_bytes() == b"picture"
+    with pytest.raises(RecordingError, match=r"run\.png/x\.png .*: choose another file"):
+        screenshot.take_screenshot(tmp_path / "run.rrd", tmp_path / "new" / "run.png" / "x.png")

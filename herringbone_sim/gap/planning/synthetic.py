@@ -39,16 +39,17 @@ class SensorNoise:
     shares: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
 
+    @staticmethod
+    def is_of(prefix: str, channel: str) -> bool:
+        """Whether a channel's name begins with a prefix; a single letter is a whole quantity."""
+        return channel.startswith(prefix) and (len(prefix) > 1 or channel[1] == "_")
+
     def sigma(self, channel: str, rms: float) -> float:
         """Noise [SI] of a channel with an RMS of ``rms`` [SI]; its longest known prefix counts.
 
         A single letter is a quantity: ``a`` of accelerations, not of angles.
         """
-        prefixes = [
-            n
-            for n in (*self.shares, *self.values)
-            if channel.startswith(n) and (len(n) > 1 or channel[1] == "_")
-        ]
+        prefixes = [n for n in (*self.shares, *self.values) if self.is_of(n, channel)]
         longest = max(prefixes, key=len, default="")
         if longest in self.values:
             return self.values[longest]

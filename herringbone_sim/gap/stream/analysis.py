@@ -17,7 +17,7 @@ import numpy as np
 
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
-from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.core.parameters import Parameters, coerce
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.gap.attribution.effect_forces import fused_run
@@ -69,9 +69,11 @@ def operating_point(
         if name in series and np.isfinite(series[name]).any():
             point[name] = float(np.nanmedian(series[name]))
         else:
-            from_where = declared if name in declared else vars(nominal)
-            point[name] = float(from_where[name])
-            source = "the topic channels" if name in declared else "the nominal gear"
+            said = declared.get(name)
+            known = isinstance(said, (int, float)) and not isinstance(said, bool)
+            value: Any = coerce(name, said) if known else getattr(nominal, name)
+            point[name] = float(value)
+            source = "the topic channels" if known else "the nominal gear"
             remarks.append(f"no channel {name}: {point[name]:g} of {source} is taken")
     turned = float(series["phase"][-1] - series["phase"][0])
     frequency = turned / float(series.times[-1] - series.times[0])

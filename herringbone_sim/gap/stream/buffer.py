@@ -51,10 +51,13 @@ class SampleBuffer:
             rows: (n, c) samples [SI].
 
         Raises:
-            RecordingError: no channel ``t``, or a time that is not finite.
+            RecordingError: no channel ``t``, a channel twice, or a time that is not finite.
         """
         if "t" not in names:
             raise RecordingError(f"a block of samples needs a channel t, got {listed(names)}")
+        if len(set(names)) < len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise RecordingError(f"channel names must be unique, got twice: {listed(twice)}")
         if not len(rows):
             return
         times = rows[:, names.index("t")]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rerun.experimental import ViewerClient
 
+from herringbone_sim.errors import RecordingError
 from herringbone_sim.views.mirror.sink import (
     HOST,
     ViewerError,
@@ -47,12 +48,19 @@ def take_screenshot(rrd: Path, png: Path, size: tuple[int, int] = (1400, 900)) -
         )
         try:
             await_answer(viewer, "viewer", errors, HOST, port)
-            png.write_bytes(stable_screenshot(port))
+            picture = stable_screenshot(port)
         except (ViewerError, RuntimeError, OSError) as error:
             raise ViewerError(f"no picture of {rrd} ({error}): {VULKAN_HINT}") from error
         finally:
             viewer.kill()
             viewer.wait()
+    try:
+        png.parent.mkdir(parents=True, exist_ok=True)
+        png.write_bytes(picture)
+    except OSError as error:
+        raise RecordingError(
+            f"can't write {png} ({error.strerror}): choose another file"
+        ) from error
 
 
 def stable_screenshot(port: int) -> bytes:
