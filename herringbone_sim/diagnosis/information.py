@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from herringbone_sim.arrays import Array, Flags
 from herringbone_sim.diagnosis.coefficients import CampaignProducts, Coefficient
 from herringbone_sim.diagnosis.machine import Hypothesis
-from herringbone_sim.diagnosis.regression import solve
+from herringbone_sim.diagnosis.regression import posterior_mean
 from herringbone_sim.diagnosis.score import DEPARTURE_ROUNDS, MAX_DEPARTURE_SD, PRIOR_SCALES
 
 
@@ -101,7 +101,7 @@ class Information:
         """Chi2 that truth i adds at a size, with tolerances fitted inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.squares[i])
-        mean = solve(self._A, size * self._with_base[i], self._sd, self._bound).mean
+        mean = posterior_mean(self._A, size * self._with_base[i], self._sd, self._bound)
         taken = 2.0 * size * self._with_base[i] @ mean - mean @ self._A @ mean
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
@@ -116,7 +116,7 @@ class Information:
         sd, n = np.where(bent, size, wide), len(self._sd)
         for _ in range(DEPARTURE_ROUNDS + 1):
             bound = np.where(bent, MAX_DEPARTURE_SD * sd, np.inf)
-            mean = solve(A, b, np.append(self._sd, sd), np.append(self._bound, bound)).mean
+            mean = posterior_mean(A, b, np.append(self._sd, sd), np.append(self._bound, bound))
             own = float(np.abs(mean[n:][~bent]).max(initial=0.0))
             sd = np.where(bent, max(own, PRIOR_SCALES[0] ** 2 * size), wide)
             if not bent.any():

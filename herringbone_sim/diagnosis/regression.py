@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from herringbone_sim.arrays import Array
+from herringbone_sim.arrays import Array, Flags
 
 
 @dataclass(frozen=True)
@@ -45,31 +45,57 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
         The posterior, with coefficients at a bound treated as certain. For a singular matrix, or
         where exchanges don't end: mean zero and the covariance of the prior.
     """
+    found = _within_bounds(A, b, sd, bound)
+    if found is None:
+        return Solution(np.zeros(len(b)), np.diag(sd**2))
+    mean, free, factor, scale = found
+    covariance = np.zeros(A.shape)
+    covariance[np.ix_(free, free)] = _solved(factor, np.eye(len(scale))) * np.outer(scale, scale)
+    return Solution(mean, covariance)
+
+
+def posterior_mean(A: Array, b: Array, sd: Array, bound: Array) -> Array:
+    """Posterior mean (p,) inside the bounds alone, as of ``solve``, in less time."""
+    found = _within_bounds(A, b, sd, bound)
+    return np.zeros(len(b)) if found is None else found[0]
+
+
+def _within_bounds(
+    A: Array, b: Array, sd: Array, bound: Array
+) -> tuple[Array, Flags, Array, Array] | None:
+    """Mean (p,), which coefficients are free (p,), and the factor of their scaled matrix.
+
+    Returns:
+        Mean, free coefficients, Cholesky factor (f, f) of the scaled matrix of the free ones, and
+        the scale (f,); None for a singular matrix, or where exchanges don't end. See ``solve``.
+    """
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
     precision = 1.0 / sd**2
-    covariance = np.zeros((p, p))
     fewest, patience = p + 1, 3
     for _ in range(10 * (p + 1)):  # a few in practice; rounding may make ties cycle
-        free = ~held
-        right = b[free] - A[np.ix_(free, held)] @ mean[held]
-        whole = A[np.ix_(free, free)] + np.diag(precision[free])
-        if not (np.diag(whole) > 0.0).all():
-            return Solution(np.zeros(p), np.diag(sd**2))
-        scale = 1.0 / np.sqrt(np.diag(whole))
-        whole = whole * np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+        free, any_held = ~held, held.any()
+        right = b[free] - A[np.ix_(free, held)] @ mean[held] if any_held else b
+        whole = A[np.ix_(free, free)] if any_held else A.copy()
+        diagonal = np.einsum("ii->i", whole)
+        diagonal += precision[free]
+        if not (diagonal > 0.0).all():
+            return None
+        scale = 1.0 / np.sqrt(diagonal)
+        whole *= np.outer(scale, scale)
+        diagonal += 1e-12
         factor, failed = dpotrf(np.asarray_chkfinite(whole))
         if failed:
-            return Solution(np.zeros(p), np.diag(sd**2))
+            return None
         mean[free] = scale * _solved(factor, np.asarray_chkfinite(scale * right))
         outside = free & (np.abs(mean) > bound * (1.0 + 1e-9))
-        slope = b - A @ mean - precision * mean
-        inwards = held & (slope * np.sign(mean) < -1e-9 * (np.abs(b) + np.abs(A) @ np.abs(mean)))
-        wrong = outside | inwards
+        wrong = outside
+        if any_held:
+            slope = b - A @ mean - precision * mean
+            tiny = 1e-9 * (np.abs(b) + np.abs(A) @ np.abs(mean))
+            wrong = outside | (held & (slope * np.sign(mean) < -tiny))
         if not wrong.any():
-            inverse = _solved(factor, np.eye(len(scale))) * np.outer(scale, scale)
-            covariance[np.ix_(free, free)] = inverse
-            break
+            return np.clip(mean, -bound, bound), free, factor, scale
         if wrong.sum() < fewest:
             fewest, patience = int(wrong.sum()), 3
         elif patience:
@@ -78,9 +104,7 @@ def solve(A: Array, b: Array, sd: Array, bound: Array) -> Solution:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         held ^= wrong
         mean[held] = np.clip(mean, -bound, bound)[held]
-    else:
-        return Solution(np.zeros(p), np.diag(sd**2))
-    return Solution(np.clip(mean, -bound, bound), covariance)
+    return None
 
 
 def _solved(factor: Array, right: Array) -> Array:

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_normal
 
 from herringbone_sim.diagnosis import regression
-from herringbone_sim.diagnosis.regression import leave_one_out, solve
+from herringbone_sim.diagnosis.regression import leave_one_out, posterior_mean, solve
 
 
 def density(y, Phi, sd, mean=0.0):
@@ -47,6 +47,8 @@ def test_bounded_solutions_are_those_of_least_squares_in_a_box(start):
         tall, right = np.vstack([Phi, np.diag(1.0 / sd)]), np.append(y, np.zeros(len(sd)))
         expected = lsq_linear(tall, right, (-bound, bound), method="bvls", tol=1e-15).x
         np.testing.assert_allclose(found.mean, expected, rtol=0.0, atol=1e-9)
+        alone = posterior_mean(Phi.T @ Phi, Phi.T @ y, sd, bound)
+        assert np.array_equal(alone, found.mean)
         held += np.sum(np.abs(expected) == bound)
     assert held > 10  # else the bounds are not tried
 
