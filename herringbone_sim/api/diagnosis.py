@@ -90,8 +90,8 @@ class Diagnosis(NotebookResult):
 
     def facts(self) -> list[tuple[str, str]]:
         return [
-            (f"{cause.probability:.1%}", f"{cause.effect} at {cause.place}")
-            for cause in self.causes[:5]
+            (f"{c.probability:.1%}", f"{c.effect} at {c.place}" if c.parameters else c.effect)
+            for c in self.causes[:5]
         ]
 
     def to_pandas(self) -> Any:

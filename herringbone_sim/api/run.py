@@ -122,8 +122,12 @@ class Run(NotebookResult):
             segment: index into ``segments``; the last by default.
 
         Raises:
-            AnalysisError: no such mesh.
+            AnalysisError: no such mesh or segment.
         """
+        if not -len(self.segments) <= segment < len(self.segments):
+            raise AnalysisError(
+                f"segment must be the index of one of {len(self.segments)}, got {segment}"
+            )
         result = self.segments[segment]
         if mesh is not None and mesh not in result.motion.meshes:
             names = ", ".join(result.motion.meshes)

@@ -6,6 +6,7 @@ it is repeated to the bit, drawn by the real Rerun viewer, and analysed into fig
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -72,10 +73,10 @@ def experiment(out: Path, run: Path) -> None:
     heading("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
     overrides = {
         "record": "true",
-        "record_dir": run.parent,
+        "record_dir": json.dumps(str(run.parent)),  # a text in YAML, whatever is in it
         "record_name": run.name,
         "mirror": "save",
-        "mirror_path": out / "live.rrd",
+        "mirror_path": json.dumps(str(out / "live.rrd")),
         "delta_T": "50.0",
         "xi": "0.1",
     }
@@ -96,7 +97,11 @@ def experiment(out: Path, run: Path) -> None:
         raise HerringboneError(f"the control experiment failed: {error}") from error
     finally:
         node.send_signal(signal.SIGINT)
-        node.wait(30.0)
+        try:
+            node.wait(30.0)
+        except subprocess.TimeoutExpired:
+            node.kill()
+            heading("the node did not end within 30 s, and was killed")
 
 
 def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:

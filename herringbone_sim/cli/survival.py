@@ -36,6 +36,7 @@ from herringbone_sim.cli.options import (
 )
 from herringbone_sim.cli.parameter_options import GearOptions, gear_from, print_gear_notes
 from herringbone_sim.core.model import Model
+from herringbone_sim.core.sensitivity import need_tangents
 from herringbone_sim.dynamics.basins import random_starts
 from herringbone_sim.dynamics.survival import Survival, survival
 from herringbone_sim.effects.assemble import build_with
@@ -81,6 +82,7 @@ def run(
 
     Raises:
         AnalysisError: the first value is not less than the last.
+        ParameterError: ``method: rk4``, which has no tangents.
     """
     low, high, name = options.low, options.high, options.over
     if not low < high:
@@ -88,6 +90,7 @@ def run(
     p, actives = gear_from(gear)
     values = np.linspace(low, high, options.values)
     models = [build_with(p.changed({name: float(v)}), actives) for v in values]
+    need_tangents(models[0])
     print_gear_notes(models[0])
     unfinished = out / "unfinished"
     with ThreadPoolExecutor(workers) as pool:

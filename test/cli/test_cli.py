@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from herringbone_sim.__main__ import executable, main
+from herringbone_sim.cli import demo
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import names
+from herringbone_sim.errors import HerringboneError
 from herringbone_sim.recording.parameter_file import load_parameters
 from herringbone_sim.recording.writer import RunWriter
 from herringbone_sim.version import VERSION
@@ -260,3 +263,28 @@ def test_options_of_a_sending_are_refused_with_verify(
     assert main(["replay", "RUN", "--verify", *words]) == 2
     told = capsys.readouterr().err
     assert f"error: {words[0].split('=')[0]} must come with --publish" in told
+
+
+def test_survival_by_a_method_without_tangents_is_refused_before_it_computes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = ["--over", "delta_T", "--from", "60", "--to", "90", "--values", "2"]
+    assert main(["survival", *values, "--set", "method=rk4", "--out", str(tmp_path)]) == 2
+    assert "tangents need" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_node_of_the_demo_records_where_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ROS reads values as YAML, in which ` #` begins a comment."""
+
+    def start(words: list[str]) -> None:
+        raise HerringboneError(*words)
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    place = tmp_path / "a #1 b" / "demo"
+    with pytest.raises(HerringboneError) as node:
+        demo.experiment(tmp_path, place)
+    given = dict(word.split(":=", 1) for word in node.value.args if ":=" in word)
+    assert yaml.safe_load(given["record_dir"]) == str(place.parent)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +14,14 @@ from recording_support import foreign_file, make_rows, write_run
 
 import herringbone_sim as hb
 from herringbone_sim.api import NAMES
+from herringbone_sim.api.diagnosis import Diagnosis
 from herringbone_sim.core import integrate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.spectrum import kaplan_yorke
+from herringbone_sim.effects.effect import Locus
 from herringbone_sim.errors import AnalysisError, ParameterError
+from herringbone_sim.gap.report import Cause, Estimate
 from herringbone_sim.recording.parameter_file import load_gear
 
 PAPER = "config/paper.yaml"
@@ -255,3 +259,18 @@ def test_channels_of_another_program_are_given_to_xarray_without_a_unit(tmp_path
 def test_the_picture_of_exponents_names_the_motion_once():
     found = hb.exponents(PAPER, cycles=300, transient=200, delta_T=90.0)
     assert found.plot().figure.get_suptitle().strip() == found.title()
+
+
+def test_a_segment_that_is_not_there_is_named():
+    run = hb.simulate(PAPER, cycles=60)
+    with pytest.raises(AnalysisError, match="index of one of 1, got 5"):
+        run.plot(segment=5)
+
+
+def test_what_has_no_place_is_shown_without_one():
+    causes = (
+        Cause("pin_position", Locus("all", "2", "all"), 0.9, {"offset": Estimate(3e-6)}),
+        Cause("unknown", Locus(), 0.1),
+    )
+    diagnosis = Diagnosis(SimpleNamespace(causes=causes), None, None, None)
+    assert diagnosis.facts() == [("90.0%", "pin_position at all/2/all"), ("10.0%", "unknown")]
