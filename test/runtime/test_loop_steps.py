@@ -79,11 +79,9 @@ def test_an_error_in_a_call_reaches_the_caller_and_the_loop_goes_on(
     run.until(len(run.got) + 2)
 
 
-def test_a_call_that_came_too_late_is_not_made_after_all(model: Model, runs: list[Run]) -> None:
-    run = Run(model)
-    runs.append(run)
+def held(run: Run) -> threading.Event:
+    """Start a loop and hold it inside a block, until the event is set."""
     inside, go_on = threading.Event(), threading.Event()
-    made: list[str] = []
 
     def hold(_: Delivery) -> None:
         inside.set()
@@ -93,6 +91,14 @@ def test_a_call_that_came_too_late_is_not_made_after_all(model: Model, runs: lis
     run.until(1)
     run.hook = hold
     assert inside.wait(10.0)
+    return go_on
+
+
+def test_a_call_that_came_too_late_is_not_made_after_all(model: Model, runs: list[Run]) -> None:
+    run = Run(model)
+    runs.append(run)
+    made: list[str] = []
+    go_on = held(run)
     with pytest.raises(HerringboneError, match=r"did not come to it within 0\.01 s"):
         run.loop.call(lambda *_: made.append("late"), timeout_s=0.01)
     run.hook = lambda _: None
@@ -190,16 +196,7 @@ def test_a_step_asked_for_during_a_block_has_its_own_length(model: Model, runs: 
     """That block, begun before the pause, is no part of it."""
     run = Run(model, real_time_factor=0.0)
     runs.append(run)
-    inside, go_on = threading.Event(), threading.Event()
-
-    def hold(_: Delivery) -> None:
-        inside.set()
-        go_on.wait(10.0)
-
-    run.loop.start()
-    run.until(1)
-    run.hook = hold
-    assert inside.wait(10.0)
+    go_on = held(run)
     run.loop.pause()
     came = ThreadPoolExecutor(1).submit(run.loop.step, 1)
     time.sleep(0.2)
