@@ -24,6 +24,7 @@ python -m herringbone_sim demo --out demo
 """
 
 NODE_WAIT_S = 60.0
+NODE_END_S = 30.0
 
 
 def run(
@@ -73,10 +74,10 @@ def experiment(out: Path, run: Path) -> None:
     heading("starting the node (real_time_factor 1, recording, mirroring to live.rrd)")
     overrides = {
         "record": "true",
-        "record_dir": json.dumps(str(run.parent)),  # a text in YAML, whatever is in it
+        "record_dir": quoted(run.parent),
         "record_name": run.name,
         "mirror": "save",
-        "mirror_path": json.dumps(str(out / "live.rrd")),
+        "mirror_path": quoted(out / "live.rrd"),
         "delta_T": "50.0",
         "xi": "0.1",
     }
@@ -98,10 +99,15 @@ def experiment(out: Path, run: Path) -> None:
     finally:
         node.send_signal(signal.SIGINT)
         try:
-            node.wait(30.0)
+            node.wait(NODE_END_S)
         except subprocess.TimeoutExpired:
             node.kill()
-            heading("the node did not end within 30 s, and was killed")
+            heading(f"the node did not end within {NODE_END_S:g} s, and was killed")
+
+
+def quoted(path: Path) -> str:
+    """Path as a text in YAML, as which ROS reads values, whatever is in it."""
+    return json.dumps(str(path), ensure_ascii=False)
 
 
 def wait_for(run: Path, node: subprocess.Popen[bytes]) -> None:

@@ -283,7 +283,7 @@ def test_the_node_of_the_demo_records_where_it_is_told(
         raise HerringboneError(*words)
 
     monkeypatch.setattr(subprocess, "Popen", start)
-    place = tmp_path / "a #1 b" / "demo"
+    place = tmp_path / "a #1 b: Prüfstand \N{GEAR}" / "demo"
     with pytest.raises(HerringboneError) as node:
         demo.experiment(tmp_path, place)
     given = dict(word.split(":=", 1) for word in node.value.args if ":=" in word)
