@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,9 +46,7 @@ class TimeSeries:
                 f"data must be (n, n_channels) = ({len(self.times)}, {len(self.names)}), "
                 f"got {self.data.shape}: hand in one row a sample and one name a column"
             )
-        if len(set(self.names)) != len(self.names):
-            twice = sorted({name for name in self.names if self.names.count(name) > 1})
-            raise AnalysisError(f"channel names must be unique, got twice: {listed(twice)}")
+        check_unique(self.names)
         steps = np.diff(self.times)
         if steps.size and not np.all(steps > 0):
             at = int(np.argmax(~(steps > 0)))
@@ -76,3 +75,10 @@ class TimeSeries:
     def columns(self, names: tuple[str, ...]) -> Array:
         """Return the samples (n, len(names)) of some channels, a copy; KeyError: unknown name."""
         return np.stack([self[name] for name in names], axis=1)
+
+
+def check_unique(names: Sequence[str]) -> None:
+    """Raise AnalysisError if a channel name stands twice."""
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise AnalysisError(f"channel names must be unique, got twice: {listed(twice)}")

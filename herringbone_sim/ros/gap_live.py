@@ -27,14 +27,11 @@ from herringbone_sim.gap.stream.comparison import Comparison, ComparisonResult, 
 from herringbone_sim.recording.messages import encode_joint_state
 from herringbone_sim.recording.writer import stamp_ns
 from herringbone_sim.ros.guarded import GuardedNode, one_line
-from herringbone_sim.ros.qos import LATCHED, STREAM
+from herringbone_sim.ros.qos import LATCHED, NEWEST, STREAM
 from herringbone_sim.views.mirror.live_text import data
 
 NAME = "gap"
 DEPTH = 200  # samples messages queued by a subscription
-ANY = QoSProfile(
-    reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1
-)
 SAMPLES = "std_msgs/msg/Float64MultiArray"
 REST = 2.0  # least pause after a comparison, as a multiple of its duration
 
@@ -139,7 +136,7 @@ class _Listener:
         try:
             self._samples = self._subscribe()
             topic = f"{stream.topic.removesuffix('samples')}channels"
-            for qos in (LATCHED, ANY):  # the second hears what is volatile or best effort
+            for qos in (LATCHED, NEWEST):  # latched ones, and those of any quality of service
                 node.create_subscription(String, topic, lambda m: stream.set_channels(m.data), qos)
         except InvalidTopicNameException as error:
             raise ParameterError(f"{stream.topic} is no name of a topic: {error}") from error

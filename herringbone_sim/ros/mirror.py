@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,12 @@ import numpy as np
 from herringbone_sim.analysis.monitor import Regime
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import live_names
-from herringbone_sim.errors import ParameterError
+from herringbone_sim.ros.parameters import path_of
 from herringbone_sim.ros.session import half_backlash
 from herringbone_sim.runtime import Delivery
 from herringbone_sim.views.mirror.block import Drawing, MirrorBlock, Scale
 from herringbone_sim.views.mirror.mirror import RerunMirror
 from herringbone_sim.views.mirror.target import MirrorTarget
-
-
-def _expanded(path: str) -> Path:
-    """Path with ``~`` replaced by the home folder; ParameterError for an unknown user."""
-    try:
-        return Path(path).expanduser()
-    except RuntimeError as error:
-        raise ParameterError(f"mirror_path {path!r}: {error}") from error
 
 
 class Mirror(RerunMirror):
@@ -44,7 +35,9 @@ class Mirror(RerunMirror):
         target = MirrorTarget(
             options["mirror"],
             options["mirror_address"],
-            _expanded(options["mirror_path"]) if options["mirror"] == "save" else None,
+            path_of("mirror_path", options["mirror_path"])
+            if options["mirror"] == "save"
+            else None,
             options["mirror_memory"],
         )
         drawing = Drawing(model.layout, Scale(s.b_c, half_backlash(model), s.omega_n))

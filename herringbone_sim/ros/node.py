@@ -296,10 +296,7 @@ class SimulatorNode(GuardedNode):
         Raises:
             RecordingError: a recording is running, or the folder can't be created.
         """
-        try:
-            folder = Path(self._get("record_dir")).expanduser()
-        except RuntimeError as error:
-            raise RecordingError(f"record_dir {self._get('record_dir')!r}: {error}") from error
+        folder = ros_parameters.path_of("record_dir", self._get("record_dir"))
         limits = Limits(self._get("record_max_mb"), self._get("record_max_s"))
         now = self.loop.actives, self.loop.clock, limits
         return self.recorder.start(folder, name or self._next_name(), model, state, *now)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -19,6 +20,7 @@ from herringbone_sim.core import parameters as core
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.written import read_effects
+from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.node_parameters import (
     OF_NODE,
     check,
@@ -38,6 +40,18 @@ TYPES = {
     str: ParameterType.PARAMETER_STRING,
     tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
+
+
+def path_of(name: str, text: str) -> Path:
+    """Path in a parameter, with ``~`` replaced by the home folder.
+
+    Raises:
+        RecordingError: the home folder of an unknown user.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise RecordingError(f"{name} {text!r}: {error}") from error
 
 
 def descriptor(name: str) -> ParameterDescriptor:

@@ -34,6 +34,9 @@ LATCHED = QoSProfile(
     depth=1,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+NEWEST = QoSProfile(  # hears publishers of any quality of service
+    reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1
+)
 REFUSALS = (  # raised by rclpy for a policy with an unknown name or value
     *(ParameterException, InvalidQoSProfileException, RuntimeError, ValueError, AssertionError),
     rclpy_implementation.RCLError,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.core.timeseries import TimeSeries, check_unique
 from herringbone_sim.errors import RecordingError, listed
 from herringbone_sim.recording.messages import MOST_S
 
@@ -51,13 +51,12 @@ class SampleBuffer:
             rows: (n, c) samples [SI].
 
         Raises:
-            RecordingError: no channel ``t``, a channel twice, or a time that is not finite.
+            RecordingError: no channel ``t``, or a time that is not finite.
+            AnalysisError: a channel twice.
         """
         if "t" not in names:
             raise RecordingError(f"a block of samples needs a channel t, got {listed(names)}")
-        if len(set(names)) < len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise RecordingError(f"channel names must be unique, got twice: {listed(twice)}")
+        check_unique(names)
         if not len(rows):
             return
         times = rows[:, names.index("t")]

@@ -118,7 +118,7 @@ class SampleStream:
             try:
                 self._buffer.put(*decode_samples(message))
                 self._trouble = ""
-            except RecordingError as error:
+            except HerringboneError as error:
                 self._refused += 1
                 self._trouble = str(error)
 
