@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from herringbone_sim.arrays import Array, Flags
+from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.diagnosis.evidence import Evidence
 from herringbone_sim.diagnosis.judge import NAMES, Explanation, numbers
+
+GRADIENT = 1e-4  # of the loss, at which a fit ends: Newton's steps square the error
 
 
 @dataclass(frozen=True)
@@ -78,24 +80,80 @@ def fit_labelled(
         prior_mean: (len(NAMES),) prior mean of the weights; None: zero.
     """
     prior_mean = np.zeros(len(NAMES)) if prior_mean is None else prior_mean
-    labelled = [campaign for campaign in labelled if campaign.true.any()]
-    if not labelled:
+    stacked = _Stacked.of(labelled)
+    if stacked is None:
         return prior_mean
-    table = np.concatenate([campaign.table for campaign in labelled])
-    true = np.concatenate([campaign.true for campaign in labelled])
-    sizes = np.array([len(campaign.true) for campaign in labelled])
-    starts = np.cumsum(sizes) - sizes
 
     def loss(w: Array) -> tuple[float, Array]:
-        score = table @ w
-        score -= np.repeat(np.maximum.reduceat(score, starts), sizes)
-        p = np.exp(score)
-        p /= np.repeat(np.add.reduceat(p, starts), sizes)
-        inside = np.maximum(np.add.reduceat(p * true, starts), 1e-300)
-        slope = (p - p * true / np.repeat(inside, sizes)) @ table
+        value, slope = stacked.loss(w)
         off = w - prior_mean
-        value = 0.5 * penalty * float(off @ off) - float(np.log(inside).sum())
-        return value, slope + penalty * off
+        return value + 0.5 * penalty * float(off @ off), slope + penalty * off
+
+    def hessian(w: Array) -> Array:
+        return stacked.hessian(w) + penalty * np.eye(len(w))
 
     start = prior_mean if start is None else start
-    return np.asarray(minimize(loss, start, jac=True, method="L-BFGS-B").x)
+    found = minimize(
+        loss, start, jac=True, hess=hessian, method="trust-exact", options={"gtol": GRADIENT}
+    )
+    return np.asarray(found.x)
+
+
+def log_loss(labelled: Sequence[LabelledCampaign], weights: Array) -> float:
+    """Sum of -log(probability on the truth) by ``weights``, of the campaigns that ``fit`` uses."""
+    stacked = _Stacked.of(labelled)
+    return 0.0 if stacked is None else stacked.loss(weights)[0]
+
+
+@dataclass(frozen=True)
+class _Stacked:
+    """Explanations of all campaigns one below another.
+
+    Attributes:
+        table: (m, len(NAMES)) numbers of the explanations.
+        true: (m,) which of them are true.
+        sizes: number of explanations of each campaign.
+        starts: index of the first explanation of each campaign.
+    """
+
+    table: Array
+    true: Flags
+    sizes: Indices
+    starts: Indices
+
+    @staticmethod
+    def of(labelled: Sequence[LabelledCampaign]) -> _Stacked | None:
+        """Stack the campaigns with a true explanation; None without any."""
+        labelled = [campaign for campaign in labelled if campaign.true.any()]
+        if not labelled:
+            return None
+        sizes = np.array([len(campaign.true) for campaign in labelled])
+        return _Stacked(
+            np.concatenate([campaign.table for campaign in labelled]),
+            np.concatenate([campaign.true for campaign in labelled]),
+            sizes,
+            np.cumsum(sizes) - sizes,
+        )
+
+    def loss(self, w: Array) -> tuple[float, Array]:
+        """Sum of -log(probability on the truth), and its gradient (len(NAMES),)."""
+        p, p_true, on_truth = self._probabilities(w)
+        return -float(np.log(on_truth).sum()), np.asarray((p - p_true) @ self.table)
+
+    def hessian(self, w: Array) -> Array:
+        """Second derivatives of ``loss``: covariances of the numbers by ``p`` and ``p_true``."""
+        p, p_true, _ = self._probabilities(w)
+        mean, mean_true = (
+            np.add.reduceat(self.table * q[:, None], self.starts) for q in (p, p_true)
+        )
+        squares = (self.table * (p - p_true)[:, None]).T @ self.table
+        return np.asarray(squares - mean.T @ mean + mean_true.T @ mean_true)
+
+    def _probabilities(self, w: Array) -> tuple[Array, Array, Array]:
+        """Return the probabilities (m,), those given the truth, and the sum on the truth."""
+        score = self.table @ w
+        score -= np.repeat(np.maximum.reduceat(score, self.starts), self.sizes)
+        p = np.exp(score)
+        p /= np.repeat(np.add.reduceat(p, self.starts), self.sizes)
+        on_truth = np.maximum(np.add.reduceat(p * self.true, self.starts), 1e-300)
+        return p, p * self.true / np.repeat(on_truth, self.sizes), on_truth

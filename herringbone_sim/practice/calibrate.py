@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import logsumexp
 
 from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.diagnosis import judge
@@ -25,6 +24,7 @@ from herringbone_sim.diagnosis.judge_weights import (
     are_true,
     fit_labelled,
     labelled_campaign,
+    log_loss,
 )
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.practice.case_evidence import CaseEvidence
@@ -199,14 +199,12 @@ def best_penalty(labelled: Sequence[LabelledCampaign], prior_mean: Array | None 
     fold = folds(len(labelled))
     lost = dict.fromkeys(PENALTIES, 0.0)
     for f in range(FOLDS):
-        others = [campaign for campaign, k in zip(labelled, fold, strict=True) if k != f]
+        own = [labelled[i] for i in np.flatnonzero(fold == f).tolist()]
+        others = [labelled[i] for i in np.flatnonzero(fold != f).tolist()]
         weights = None
         for penalty in sorted(PENALTIES, reverse=True):
             weights = fit_labelled(others, penalty, weights, prior_mean)
-            for campaign in (labelled[i] for i in np.flatnonzero(fold == f).tolist()):
-                if campaign.true.any():
-                    score = campaign.table @ weights
-                    lost[penalty] += float(logsumexp(score) - logsumexp(score[campaign.true]))
+            lost[penalty] += log_loss(own, weights)
     return min(PENALTIES, key=lambda penalty: lost[penalty])
 
 

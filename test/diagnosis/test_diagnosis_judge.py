@@ -10,7 +10,13 @@ import pytest
 
 from herringbone_sim.diagnosis.evidence import Candidate, Evidence
 from herringbone_sim.diagnosis.judge import NAMES, chances, numbers
-from herringbone_sim.diagnosis.judge_weights import are_true, fit
+from herringbone_sim.diagnosis.judge_weights import (
+    LabelledCampaign,
+    are_true,
+    fit,
+    fit_labelled,
+    log_loss,
+)
 from herringbone_sim.errors import AnalysisError
 
 
@@ -139,3 +145,23 @@ def test_a_pair_of_which_one_effect_was_tried_is_that_with_something_beside_it()
 def told_of(given, effects):
     """Probability of an explanation."""
     return sum(c.probability for c in given if c.effects == effects)
+
+
+def test_no_weights_near_those_of_a_fit_are_better():
+    """Penalised log loss in every direction, by differences; some campaigns with two truths."""
+    rng = np.random.default_rng(3)
+    labelled = [
+        LabelledCampaign(rng.normal(size=(9, len(NAMES))), np.arange(9) < 1 + i % 2)
+        for i in range(60)
+    ]
+    for penalty in (0.01, 1.0, 100.0):
+        best = fit_labelled(labelled, penalty)
+
+        def loss(w, penalty=penalty):
+            return log_loss(labelled, w) + 0.5 * penalty * w @ w
+
+        step = 1e-4
+        for direction in np.eye(len(NAMES)):
+            ahead, behind = (loss(best + sign * step * direction) for sign in (1.0, -1.0))
+            assert abs(ahead - behind) / (2.0 * step) < 1e-3
+            assert ahead + behind > 2.0 * loss(best)
