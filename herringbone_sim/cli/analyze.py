@@ -31,7 +31,7 @@ from herringbone_sim.analysis.pipeline import Options as Settings
 from herringbone_sim.analysis.pipeline import SegmentResult, analyze_series
 from herringbone_sim.cli.options import Count, Cycles, File, Mesh, Out, flattened, limits
 from herringbone_sim.effects.written import read_effects
-from herringbone_sim.errors import AnalysisError
+from herringbone_sim.errors import AnalysisError, RecordingError
 from herringbone_sim.recording.parameter_file import load_gear, values_of_gear
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.views.figures.style import Scale
@@ -104,27 +104,36 @@ def run(
     """Analyse the runs, write reports and print a summary of each; exit code 0.
 
     Raises:
-        RecordingError: a run can't be read.
-        AnalysisError: a run can't be analysed, or has no such mesh.
+        AnalysisError: runs that can't be read or analysed, or have no such mesh; after all others.
     """
     names, out = _folder_names(runs), options.out
     several = len(runs) > 1
     folders = [out / name if several else out for name in names]
-    analysed = [
-        _analyse(path, name, folder, options)
-        for path, name, folder in zip(runs, names, folders, strict=True)
-    ]
+    analysed, failed = [], []
+    for path, name, folder in zip(runs, names, folders, strict=True):
+        try:
+            analysed.append(_analyse(path, name, folder, options))
+        except (RecordingError, AnalysisError) as error:
+            failed.append(error)
     for result in analysed:
         print(_summary(result))
-    if several:
+    if len(analysed) > 1:
         _joint_diagram(analysed, out)
+    if failed:
+        head = f"{len(failed)} of {len(runs)} runs can't be analysed: " if several else ""
+        raise AnalysisError(head + "; ".join(dict.fromkeys(map(str, failed))))
     return 0
 
 
 def _analyse(path: Path, name: str, folder: Path, options: Options) -> Analysed:
     recording = read_recording(path)
     series = recording.samples
-    if options.mesh_frequency is not None and "phase" not in series:
+    if options.mesh_frequency is not None:
+        if "phase" in series:
+            raise AnalysisError(
+                f"--mesh-frequency is for runs without a phase channel, and {name} has one: leave "
+                "it out"
+            )
         series = with_phase(series, options.mesh_frequency)
     parameters = _parameters(recording, options.parameters)
     texts = effect_texts(parameters, recording.changes)

@@ -74,7 +74,7 @@ def run(
         raise ParameterError(
             f"a map needs two values or more on each axis, got {sizes}: raise --size or give more"
         )
-    swept = swept_gear(gear)
+    swept = swept_gear(gear, axes)
     observation = observation_of_gear(sweep, swept, axes, mesh="")
     store = open_store(out, Sweep.of_gear(*swept, axes, observation, start, sweep.chunk))
     run_all([store], sweep)

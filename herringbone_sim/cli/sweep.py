@@ -71,8 +71,8 @@ def run(
     sweep: SweepOptions = SweepOptions(),
 ) -> int:
     """Run the sweeps, print a summary, draw the diagram; exit code 0."""
-    base, actives = swept_gear(gear)
     axes = tuple(axis_from_text(text) for text in over)
+    base, actives = swept_gear(gear, axes)
     mesh = mesh or base.layout.meshes[0]
     observation = observation_of_gear(sweep, (base, actives), axes, mesh)
     stores = []

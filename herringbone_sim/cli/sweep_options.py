@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 from herringbone_sim.analysis.periods import MIN_REPEATS
 from herringbone_sim.cli.options import Count, Cycles, Scheduler, flattened, limits
@@ -51,13 +51,28 @@ class SweepOptions:
     scheduler: Scheduler = None
 
 
-def swept_gear(gear: GearOptions) -> Gear:
+def swept_gear(gear: GearOptions, axes: Sequence[Axis]) -> Gear:
     """Parameters of the gear to sweep, and its effects.
 
     The integration steps are those of a sweep unless ``--set`` names them.
+
+    Raises:
+        ParameterError: ``--set`` names an axis.
     """
     base, actives = gear_from(gear)
-    return with_sweep_steps(base, settings(gear.set)), actives
+    return with_sweep_steps(base, unswept(gear.set, axes)), actives
+
+
+def unswept(texts: Sequence[str], axes: Sequence[Axis]) -> dict[str, Any]:
+    """``settings`` of ``--set``; ParameterError if they name an axis, as that would be in vain."""
+    changes = settings(texts)
+    for axis in axes:
+        if axis.name in changes:
+            raise ParameterError(
+                f"--set {axis.name}={changes[axis.name]:g} has no effect, as {axis.name} is "
+                "varied: leave one out"
+            )
+    return changes
 
 
 def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:

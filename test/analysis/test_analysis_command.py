@@ -143,6 +143,26 @@ def test_a_run_named_like_a_repeated_one_keeps_its_folder(tmp_path: Path) -> Non
     assert reports == {"same~2", "same", "same~3"}
 
 
+def test_runs_that_cannot_be_analysed_do_not_keep_others_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = [
+        _record(tmp_path, f"run_{k}", harmonic_series(60, {1.0: 1e-5}, K=k / 10)) for k in range(3)
+    ]
+    bad = _record(tmp_path, "bare", _without_phase())
+    out = tmp_path / "out"
+    command = ["analyze", *map(str, [good[0], bad, *good[1:]]), "--out", str(out), "--no-model"]
+    assert main(command) == 2
+    assert {report.parent.name for report in out.glob("*/report.html")} == {
+        "run_0",
+        "run_1",
+        "run_2",
+    }
+    said = capsys.readouterr()
+    assert "joint bifurcation diagram over K" in said.out
+    assert said.err.startswith("error: 1 of 4 runs can't be analysed: ")
+
+
 def test_a_chaotic_run_is_called_chaotic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -174,6 +194,7 @@ def test_without_a_phase_the_mesh_frequency_is_asked_for(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--mesh-frequency", "100"], "is for runs without a phase channel, and run has one"),
         (["--mesh", "sp_X"], "--mesh must be one of sp_L"),
         (["--parameters", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),
     ],

@@ -135,3 +135,18 @@ def test_the_forcing_is_that_of_the_last_values_if_the_first_give_no_gear() -> N
     for low in (0.55, 0.4):  # the lower backlash leaves no gear at 100 K
         look = observation_of_gear(SweepOptions(), (gear, ()), (Axis("b", (low, 0.6)),), "sp_L")
         assert look.cycles == 320
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ["sweep", PAPER, "--over=K=0:1:3"],
+        ["map", PAPER, "--over=K=0:1:3", "--over=delta_T=0:1:3"],
+        ["compare", "config/paper.yaml", "config/rig.yaml", "--over=K=0:1:3"],
+    ],
+)
+def test_a_change_of_what_is_varied_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: list[str]
+) -> None:
+    assert main([*verb, "--set", "K=0.3", "--out", str(tmp_path / "out")]) == 2
+    assert "--set K=0.3 has no effect, as K is varied" in capsys.readouterr().err

@@ -97,7 +97,7 @@ def test_exchanged_accelerometers_are_named() -> None:
     """Any two channels of one kind may be exchanged, not encoders alone."""
     plan = draw_plan(656000, "channel_swap", channels="accelerometers")
     made = make_campaign(plan)
-    machine = GearMachine(GearObservations(as_prepared(made).of_role("fit")[:3]))
+    machine = GearMachine(GearObservations(as_prepared(made).of_role("fit")[:2]))
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
     ((_, best, _), *_) = machine.nonlinear_trials(ranked, null)
@@ -169,7 +169,7 @@ def test_a_clock_of_gauges_alone_is_named() -> None:
     """Those of the pins are drawn; the size is known within 5 %."""
     plan = draw_plan(600107, "clock_drift", d=10.0, channels="shafts_pins", law="catalogue")
     made = make_campaign(plan)
-    found = examine(GearMachine(GearObservations(as_prepared(made).of_role("fit")[:3])))
+    found = examine(GearMachine(GearObservations(as_prepared(made).of_role("fit")[:2])))
     first, of = found.singles[0], made.label["effects"][0]
     assert first.hypotheses[0].effect == "clock_drift"
     assert first.hypotheses[0].options == (("channels", tuple(of["locus"]["channels"])),)
@@ -179,7 +179,7 @@ def test_a_clock_of_gauges_alone_is_named() -> None:
 
 
 def test_a_late_encoder_is_named() -> None:
-    found = examine(practised(372023, "sensor_delay", runs=3))
+    found = examine(practised(372023, "sensor_delay", runs=2))
     first = found.singles[0]
     assert first.hypotheses[0].effect == "sensor_delay"
     assert first.hypotheses[0].options == (("channels", ("u_s_L",)),)
@@ -189,7 +189,7 @@ def test_a_late_encoder_is_named() -> None:
 
 def test_exchanged_encoders_are_put_back() -> None:
     """What they show together no motion of the gear does, so that nothing linear says it."""
-    machine = practised(372312, "channel_swap")
+    machine = practised(372312, "channel_swap", runs=2)
     null = no_effect(machine)
     ranked = [(h, null.mean) for h in machine.hypotheses() if h.effect == "channel_swap"]
     ((squares, best, _),) = machine.nonlinear_trials(ranked, null)
