@@ -128,8 +128,7 @@ class Diagnosis(NotebookResult):
         nominal = load_parameters(self.nominal).changed({"model": "full"})
         write_report(out / "report.json", self.result)
         save_augmented(out / "augmented.yaml", nominal, self.augmented, self.result.campaign)
-        if self.arrays is not None and self.arrays.forces is not None:
-            write_forces(out / "forces.csv", self.arrays.forces)
+        write_forces(out / "forces.csv", None if self.arrays is None else self.arrays.forces)
         return write_gap_page(self.result, out, self.arrays, self.nominal)
 
 

@@ -187,6 +187,7 @@ def write(
     write_csv(folder / "basins.csv", HEAD, rows)
     states = ",".join(["attractor", *(f"y_{i}" for i in range(starts.shape[1]))])
     _save(folder / "starts.csv", np.column_stack([shared.labels + 1, starts]), states)
+    (folder / "slice.csv").unlink(missing_ok=True)
     if plane:
         axis, basins = plane
         difference, common = np.meshgrid(axis, axis, indexing="ij")

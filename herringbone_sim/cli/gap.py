@@ -86,8 +86,8 @@ def run(
     page = write_gap_page(diagnosis.report, out, arrays, nominal)
     print(summary(diagnosis.report))
     names = ["residual.csv", "report.json", "augmented.yaml"]
+    write_forces(out / "forces.csv", diagnosis.report.forces)
     if diagnosis.report.forces is not None:
-        write_forces(out / "forces.csv", diagnosis.report.forces)
         names.append("forces.csv")
     print(f"written: {', '.join(str(out / name) for name in names)}, {page}")
     if target is not None:

@@ -89,6 +89,8 @@ def test_basins_of_a_gear_with_one_motion(tmp_path, capsys):
     assert len(np.genfromtxt(tmp_path / "starts.csv", delimiter=",", names=True)) == 10
     assert not (tmp_path / "unfinished").exists()
     assert "P1, left = right" in capsys.readouterr().out
+    assert main([*argv, "--starts", "2", "--out", str(tmp_path)]) == 0
+    assert not (tmp_path / "slice.csv").exists()  # that of another run
 
 
 def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch):

@@ -176,6 +176,8 @@ def test_forces_are_told_in_report_table_and_page(
     )
     assert "worked out from its recorded channels by the law of the calibrated gear" in page
     assert page.count("data:image/png;base64,") == 1
+    write_forces(tmp_path / "forces.csv", None)  # of a later diagnosis without them
+    assert not (tmp_path / "forces.csv").exists()
 
 
 def test_noise_that_is_not_told_is_at_most_what_is_left(
