@@ -75,6 +75,7 @@ class Information:
         cross = (weak * of_mains) @ cross_gram(campaign, mains, [*base, *others])
         self._with_base, self._with_others = cross[:, :n], cross[:, n:] * of_others
         self._free = [cho_solve(self._factor, row) for row in self._with_base]
+        self._fitted = (-1, 0.0, np.zeros(n))  # truth, size, tolerances
         self._raw = np.array(raw)
         self.squares, self.by_run = np.array(squares), np.array(shares)
         self.count = sum(p.values for of_run in campaign.runs for p in of_run.values())
@@ -101,7 +102,7 @@ class Information:
         """Chi2 that truth i adds at a size, with tolerances fitted inside their bounds."""
         if self._tolerances_inside(i, size):
             return float(size**2 * self.squares[i])
-        mean = posterior_mean(self._A, size * self._with_base[i], self._sd, self._bound)
+        mean = self._tolerances(i, size)
         taken = 2.0 * size * self._with_base[i] @ mean - mean @ self._A @ mean
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
@@ -114,15 +115,23 @@ class Information:
         A = np.block([[self._A, of_h], [of_h.T, G]])
         bent, wide = _priors(h, size)
         sd, n = np.where(bent, size, wide), len(self._sd)
+        mean = np.append(self._tolerances(i, size), np.zeros(len(sd)))
         for _ in range(DEPARTURE_ROUNDS + 1):
-            bound = np.where(bent, MAX_DEPARTURE_SD * sd, np.inf)
-            mean = posterior_mean(A, b, np.append(self._sd, sd), np.append(self._bound, bound))
+            bound = np.append(self._bound, np.where(bent, MAX_DEPARTURE_SD * sd, np.inf))
+            mean = posterior_mean(A, b, np.append(self._sd, sd), bound, mean)
             own = float(np.abs(mean[n:][~bent]).max(initial=0.0))
             sd = np.where(bent, max(own, PRIOR_SCALES[0] ** 2 * size), wide)
             if not bent.any():
                 break
         taken = 2.0 * b @ mean - mean @ A @ mean
         return max(float(size**2 * self._raw[i] - taken), 0.0)
+
+    def _tolerances(self, i: int, size: float) -> Array:
+        """(p,) tolerances fitted to truth i at a size, inside their bounds; of the last kept."""
+        if self._fitted[:2] != (i, size):
+            mean = posterior_mean(self._A, size * self._with_base[i], self._sd, self._bound)
+            self._fitted = (i, size, mean)
+        return self._fitted[2]
 
     def _tolerances_inside(self, i: int, size: float) -> bool:
         """Whether the unbounded fit of tolerances to truth i stays inside their bounds."""

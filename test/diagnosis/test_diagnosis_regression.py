@@ -49,6 +49,9 @@ def test_bounded_solutions_are_those_of_least_squares_in_a_box(start):
         np.testing.assert_allclose(found.mean, expected, rtol=0.0, atol=1e-9)
         alone = posterior_mean(Phi.T @ Phi, Phi.T @ y, sd, bound)
         assert np.array_equal(alone, found.mean)
+        for near in (found.mean, -found.mean, np.where(np.isfinite(bound), -bound, 5.0)):
+            again = posterior_mean(Phi.T @ Phi, Phi.T @ y, sd, bound, near)
+            np.testing.assert_allclose(again, found.mean, rtol=0.0, atol=1e-9)
         held += np.sum(np.abs(expected) == bound)
     assert held > 10  # else the bounds are not tried
 
