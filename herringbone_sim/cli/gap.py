@@ -13,6 +13,8 @@ import math
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+
 from herringbone_sim.cli.arguments import Alone
 from herringbone_sim.cli.options import FORMS, File, Out, mirror_target, progress
 from herringbone_sim.cli.show import wait_for_interrupt
@@ -113,7 +115,7 @@ def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
             printed.add(text)
             continue
         print(residual_line(run, residual))
-        force = (residual.force_n**2).mean(axis=0) ** 0.5
+        force = np.nanmean(residual.force_n**2, axis=0) ** 0.5
         for mesh, *sizes in zip(
             residual.meshes, residual.rms_n, force, residual.shares, strict=True
         ):
@@ -123,8 +125,8 @@ def residual_table(campaign: Campaign, nominal: Parameters, path: Path) -> None:
 
 def residual_line(run: CampaignRun, residual: ForceResidual) -> str:
     """Line on a run: RMS residual [N], its ratio to the RMS force, and the worst mesh."""
-    total = float((residual.residual_n**2).mean() ** 0.5)
-    force = float((residual.force_n**2).mean() ** 0.5)
+    total = float(np.nanmean(residual.residual_n**2) ** 0.5)
+    force = float(np.nanmean(residual.force_n**2) ** 0.5)
     worst = int(residual.shares.argmax())
     return (
         f"{run.path.name:10s} {run.role:9s} {total:13.1f} {total / force:8.2%}  "

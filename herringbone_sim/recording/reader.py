@@ -113,7 +113,7 @@ def read_recording(
             "which samples they stand"
             for other in raw.others
         ]
-    notes = [*raw.notes, *notes]
+    notes = [*notes, *raw.notes]  # that on a jump of time is the last
     at = None if jump is None else before
     return Recording(
         raw.path, raw.name, samples, raw.channels, raw.changes, raw.complete, tuple(notes), at

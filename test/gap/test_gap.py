@@ -103,3 +103,15 @@ def test_a_folder_without_campaign_is_refused(tmp_path: Path) -> None:
     (tmp_path / "campaign.yaml").write_text("rig: mine\nruns: []\n")
     with pytest.raises(RecordingError, match="no runs"):
         read_campaign(tmp_path)
+
+
+def test_a_reading_that_lacks_takes_no_mesh_along() -> None:
+    model = build(Parameters(model="full", delta_T=40.0))
+    series, _ = simulate(model, 3)
+    data = series.data.copy()
+    data[7, series.names.index("F_sp1_L")] = np.nan
+    data[:, series.names.index("v_sp2_L")] = np.nan  # as from a dead sensor
+    found = force_residual(model, TimeSeries(series.times, data, series.names))
+    assert "sp2_L" not in found.meshes
+    assert np.isfinite(found.rms_n).all()
+    assert found.shares.sum() == pytest.approx(1.0)

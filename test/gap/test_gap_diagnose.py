@@ -98,3 +98,5 @@ def test_forces_alone_say_nothing_and_end_nothing() -> None:
     report = diagnose(replace(campaign, runs=runs), senses=False).report.to_dict()
     assert report["observations"] == []
     assert any("nothing can be said of the machine" in one for one in report["undecidable"])
+    assert not any("the catalogue explains the gap" in one for one in report["undecidable"])
+    assert "no diagnosis" in report["next_experiment"]["why"]

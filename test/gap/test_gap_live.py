@@ -421,3 +421,11 @@ def test_a_viewer_that_is_not_there_is_said_at_once(
     importlib.import_module("rclpy")
     assert main(["gap", "live", "--rerun", where, "--seconds", "0.1"]) == 2
     assert "mirror failed" in capsys.readouterr().err
+
+
+def test_a_phase_that_starts_anew_at_every_turn_is_one_stretch() -> None:
+    intake, t = SampleBuffer(least=10), np.arange(98) * 1e-5
+    intake.put(("t", "phase"), np.column_stack([t, np.mod(2e4 * t, 2.0 * np.pi)]))
+    taken = intake.take()
+    assert taken is not None
+    assert taken["phase"] == pytest.approx(2e4 * t)

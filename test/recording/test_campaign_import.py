@@ -20,6 +20,7 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.examples.files import WRITERS, write_example
+from herringbone_sim.gap.data.kinematics import bodies_to_coordinates
 from herringbone_sim.recording.campaign import read_campaign
 from herringbone_sim.recording.importing.campaign import ImportedRun, import_campaign
 from herringbone_sim.recording.importing.parse import read_spec
@@ -250,6 +251,14 @@ def test_the_spec_of_the_docs_is_one(tmp_path: Path) -> None:
     assert series["F_rp1_L"] == pytest.approx(12.0 - 1.02 * 1e3 * (0.1 + TIMES), rel=1e-12)
     assert series["x_rp3_R"] == pytest.approx(35e-6 * np.sin(OMEGA * TIMES), rel=1e-12)
     assert series["T_in"] == pytest.approx(np.full(len(series), 218.0))
+
+
+def test_bodies_that_turn_steadily_displace_no_mesh() -> None:
+    """All of their encoders grow, the planets' too, although these turn against the sun."""
+    p, s = MODEL.parameters, MODEL.scales
+    turns = {"s": (p.z_s + p.z_r) / p.z_s, "c": 1.0, "p": p.z_r / p.z_p - 1.0}
+    u = [turns[body[0]] * s.base_radius(body) for body in MODEL.layout.bodies]
+    assert bodies_to_coordinates(MODEL) @ u == pytest.approx(0.0, abs=1e-12)
 
 
 def test_raw_angles_become_rotations_and_the_phase(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.errors import RecordingError
 from herringbone_sim.recording.importing.campaign import ImportedRun, import_campaign
+from herringbone_sim.recording.importing.clock import ClockGroup, merged
+from herringbone_sim.recording.importing.columns import read_columns
 from herringbone_sim.recording.importing.parse import read_spec
 from herringbone_sim.recording.importing.units import factor, quantity
 from herringbone_sim.recording.reader import read_recording
@@ -212,3 +214,62 @@ def test_an_angle_without_any_number_is_nan_without_a_warning(
     _, series = imported(write_spec(tmp_path, entry("a.csv", phase=PHASE, angle_c=column)))
     assert np.isnan(series["u_c"]).all()
     assert not [w for w in recwarn if w.category is RuntimeWarning]
+
+
+def test_one_file_beside_another_bag_is_that_file(tmp_path: Path) -> None:
+    """And one that is the whole bag is read with its folder."""
+    rows = np.column_stack([TIMES, TIMES])
+    for name, n in (("a", 200), ("b", 50)):
+        write_bag(tmp_path / name, ("/rig/samples", "t,phase", rows[:n]))
+    own = next((tmp_path / "b").glob("*.mcap"))
+    other = tmp_path / "a" / "other.mcap"
+    other.write_bytes(own.read_bytes())
+    for path in (own, other):
+        read = read_columns(path, "rosbag2", ["/rig/samples.t"], {})
+        assert len(read.values["/rig/samples.t"]) == 50
+
+
+def test_the_working_folder_is_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES)
+    write_spec(tmp_path, entry("a.csv", phase=PHASE))
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    assert main(["campaign", "import", "../spec.yaml", "--out", "."]) == 0
+    assert {"import.html", "campaign.yaml", "run_00"} <= {f.name for f in Path().iterdir()}
+
+
+def test_a_star_stands_in_the_column_too(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=TIMES, x=TIMES)
+    column = {"column": "x", "unit": "um"}
+    spec = write_spec(tmp_path, entry("a.csv", phase=PHASE, **{"x_*": column}))
+    with pytest.raises(RecordingError, match=r"column of 'x_\*' must have a star"):
+        read_spec(spec)
+
+
+def test_a_sensor_that_the_rig_lacks_is_refused(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", t=TIMES, phase=OMEGA * TIMES)
+    spec = write_spec(tmp_path, entry("a.csv", phase=PHASE))
+    spec.write_text(spec.read_text() + "sensors: {F_sp1: {rms: 30}}\n")
+    with pytest.raises(RecordingError, match=r"sensors must be of channels.*did you mean F_sp1_"):
+        read_spec(spec)
+
+
+def test_times_of_tdms_are_not_cut_to_microseconds(tmp_path: Path) -> None:
+    """The format counts in 2^-64 s, so that a microsecond is not a whole number of its ticks."""
+    tdms = pytest.importorskip("nptdms")
+    times = np.datetime64("2026-01-01T00:00:00", "us") + np.arange(50) * np.timedelta64(1, "us")
+    with tdms.TdmsWriter(str(tmp_path / "a.tdms")) as writer:
+        writer.write_segment([tdms.ChannelObject("g", "t", times)])
+    read = read_columns(tmp_path / "a.tdms", "tdms", ["g/t"], {}).values["g/t"]
+    assert np.diff(read).astype(float) == pytest.approx(1000.0, abs=2.0)  # [ns]
+
+
+def test_readings_at_both_ends_of_a_hole_are_kept() -> None:
+    slow = np.array([0.0, 1.0, 2.0, 3.0, 8.0, 9.0, 10.0])
+    fast = 0.5 * np.arange(21)
+    groups = (
+        ClockGroup("fast", fast, {"phase": fast}, False),
+        ClockGroup("slow", slow, {"T_in": slow}, True),
+    )
+    lacking = ~np.isfinite(merged(groups).values["T_in"])
+    assert fast[lacking].tolist() == (0.5 * np.arange(7, 16)).tolist()

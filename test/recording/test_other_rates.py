@@ -14,6 +14,7 @@ from herringbone_sim.analysis.segments import cut
 from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.gap.data.breaks import longest_part
 from herringbone_sim.recording.reader import read_recording
 from herringbone_sim.views.mirror.replay import prepare, replay_blocks
 
@@ -104,3 +105,17 @@ def test_a_temperature_of_another_rate_is_that_of_the_run(tmp_path: Path) -> Non
     shown = prepare(read, nominal=True)
     block = list(replay_blocks(read, shown, 200, 1))[-1]
     assert block.parameters["delta_T"] == pytest.approx(50.0)
+
+
+def test_many_slow_channels_are_no_dropout_of_the_fast_ones(tmp_path: Path) -> None:
+    slow = np.column_stack([TIMES[::8], np.ones((25, 3))])
+    write_bag(tmp_path / "bag", MAIN, ("/rig/samples_slow", "t,T_in,T_out,oil", slow))
+    part, findings = longest_part("run_00", read_recording(tmp_path / "bag").samples)
+    assert (len(part), findings) == (200, ())
+
+
+def test_the_note_on_a_jump_of_time_is_the_last(tmp_path: Path) -> None:
+    slow = ("/rig/samples_torque", "t,phase,T_in", torque(TIMES[:120:8]))
+    write_bag(tmp_path / "bag", MAIN, (*MAIN[:2], FAST[:120]), slow)
+    read = read_recording(tmp_path / "bag", cut_at_jump=True)
+    assert read.notes[-1].startswith("time goes from")

@@ -16,16 +16,20 @@ from gap_support import a_report
 from herringbone_sim.effects.effect import Locus, active
 from herringbone_sim.effects.registry import effects
 from herringbone_sim.gap.data.screen import Finding
+from herringbone_sim.gap.further_runs import Repetition
 from herringbone_sim.gap.observations.calibration.noise_report import ChannelNoise
 from herringbone_sim.gap.report import Cause, Estimate, Report
+from herringbone_sim.gap.report_file import StoredReport
 from herringbone_sim.gap.verdict.decide import NamedExplanation, Verdict
 from herringbone_sim.gap.verdict.next_experiment import NextExperiment
 from herringbone_sim.gap.verification.residual_gap import Gap, RunGap
+from herringbone_sim.gap.verification.senses import Senses
 from herringbone_sim.views.figures.gap import GapArrays
 from herringbone_sim.views.figures.gap_arrays import BINS, mean_over_phase
 from herringbone_sim.views.gear_geometry import MESHES
 from herringbone_sim.views.numbers import figure, percent
 from herringbone_sim.views.pages.gap.page import gap_page, plan_command, write_gap_page
+from herringbone_sim.views.pages.gap.senses import verify_page
 from herringbone_sim.views.pages.gap.tables import runs_values
 from herringbone_sim.views.pages.gap.verdict import headline
 from herringbone_sim.views.pages.gap.where import bodies
@@ -336,3 +340,19 @@ def test_a_planet_that_nothing_tells_from_the_others_is_not_named_alone() -> Non
     assert told in gap_page(replace(ONE, where=ALIKE))
     assert told not in gap_page(ONE)
     assert told not in gap_page(REPORTS["none"])
+
+
+def test_without_an_observation_no_gap_is_stated() -> None:
+    assert "not known" in headline(verdict("unknown", unknown=0.5, none=0.5))
+    assert "There is a gap" in headline(verdict("unknown", unknown=0.8))
+
+
+@pytest.mark.parametrize(("after", "said"), [(61.0, "is not known"), (1500.0, "not smaller")])
+def test_verify_tells_a_closure_that_is_not_known_or_negative(after: float, said: str) -> None:
+    before = 61.0 if after == 61.0 else 900.0
+    one = Gap("force_law", (RunGap("r", "fit", before, after, 61.0),))
+    same = (RunGap("r", "fit", 1.0, 1.0, 1.0),)
+    senses = Senses(one, Gap("prediction", same), Gap("attractor", same))
+    earlier = StoredReport("rig", "runout", ("runout",), "force_law", {})
+    page = verify_page(Repetition("rig", earlier, senses, ()))
+    assert said in page.split("</h1>")[0]

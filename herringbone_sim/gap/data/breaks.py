@@ -99,15 +99,15 @@ def _odd(steps: Array, count: float = 0.0) -> Flags:
 def _dropouts(series: TimeSeries) -> Flags:
     """Flag samples (n,) in which most channels, or the phase, are NaN.
 
-    Channels that are NaN throughout, and force gauges that may have gaps (``may_have_gaps``),
-    don't count.
+    Channels without two readings in a row (none at all, or those of a slower sensor), and force
+    gauges that may have gaps (``may_have_gaps``), don't count.
     """
     gaps = may_have_gaps(series.names)
     counted = np.array(
         [name not in HEAD and not (gaps and name[0] == "F") for name in series.names]
     )
     missing = ~np.isfinite(series.data)
-    counted &= ~missing.all(axis=0)
+    counted &= (~missing[1:] & ~missing[:-1]).any(axis=0)
     dropout: Flags = np.zeros(len(series), dtype=bool)
     if counted.any():
         dropout = missing[:, counted].mean(axis=1) > DROPOUT_SHARE

@@ -20,7 +20,7 @@ class ForceResidual:
 
     Attributes:
         meshes: names of the k meshes.
-        residual_n: (n, k) [N].
+        residual_n: (n, k) [N]; NaN where a reading lacks.
         force_n: (n, k) measured [N].
     """
 
@@ -31,7 +31,7 @@ class ForceResidual:
     @property
     def rms_n(self) -> Array:
         """RMS residual (k,) of each mesh [N]."""
-        rms: Array = np.sqrt(np.mean(self.residual_n**2, axis=0))
+        rms: Array = np.sqrt(np.nanmean(self.residual_n**2, axis=0))
         return rms
 
     @property
@@ -50,10 +50,13 @@ def force_residual(model: Model, series: TimeSeries) -> ForceResidual:
         series: with ``phase`` and, for at least one mesh, ``x_``, ``v_`` and ``F_``.
 
     Raises:
-        AnalysisError: no phase, or no mesh of the model with all three channels.
+        AnalysisError: no phase, or no mesh of the model with a sample of all three channels.
     """
     meshes = tuple(
-        m for m in model.layout.meshes if all(f"{prefix}_{m}" in series for prefix in "xvF")
+        m
+        for m in model.layout.meshes
+        if all(f"{prefix}_{m}" in series for prefix in "xvF")
+        and np.isfinite(sum(series[f"{prefix}_{m}"] for prefix in "xvF")).any()
     )
     if "phase" not in series or not meshes:
         raise AnalysisError(

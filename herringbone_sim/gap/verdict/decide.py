@@ -60,6 +60,11 @@ class Verdict:
     runner_up: NamedExplanation | None
     chances: tuple[Chance, ...]
 
+    @property
+    def unobserved(self) -> bool:
+        """Whether the channels allowed no observation: ``unknown``, as likely as ``none``."""
+        return self.verdict == "unknown" and self.probabilities.get("none", 0.0) >= HALF
+
 
 def explanation_of(effects: Sequence[NamedEffect]) -> NamedExplanation:
     """Combine fitted effects to an explanation."""

@@ -84,6 +84,8 @@ def _why_not_designed(verdict: Verdict, design: Design | None) -> str:
         )
     if verdict.verdict == "none":
         return "nothing was found; this point is where nothing has been run"
+    if verdict.unobserved:
+        return "these channels allow no diagnosis; this point is where nothing has been run"
     if verdict.verdict == "unknown":
         return (
             "no effect explains the gap, so no point can be worked out; where nothing has been "

@@ -59,7 +59,7 @@ def _other_explanations(verdict: Verdict) -> list[str]:
             f"{in_words(odds)} change the forces alike at these operating points: any of them may "
             "be the cause"
         )
-    if verdict.verdict == "unknown":
+    if verdict.verdict == "unknown" and not verdict.unobserved:
         sentences.append("no effect of the catalogue explains the gap: what it comes from is open")
         if verdict.chosen is not None:
             sentences.append(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.recording.importing.units import package
+from herringbone_sim.recording.safe_yaml import read_yaml
 
 Values = NDArray[Any]
 _Number = (bool, int, float, np.number)
@@ -56,9 +57,12 @@ def bag_columns(
 
 
 def _folder(path: Path) -> Path:
-    """Return the folder of a bag or of a file in it; without ``metadata.yaml`` the path itself."""
-    beside = path.parent if path.is_file() else path
-    return beside if (beside / "metadata.yaml").is_file() else path
+    """Return the folder of a bag that has this file alone, else the path itself."""
+    metadata = path.parent / "metadata.yaml"
+    if not (path.is_file() and metadata.is_file()):
+        return path
+    of_bag = read_yaml(metadata).get("rosbag2_bagfile_information") or {}
+    return path.parent if of_bag.get("relative_file_paths") == [path.name] else path
 
 
 def _stamp(message: Any, logged_ns: int) -> int:

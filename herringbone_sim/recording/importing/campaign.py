@@ -122,8 +122,9 @@ def _new_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
         yield part
-        out.parent.mkdir(parents=True, exist_ok=True)
-        part.replace(out)
+        out.mkdir(parents=True, exist_ok=True)
+        for entry in part.iterdir():  # the folder stays, as it may be the working one
+            entry.replace(out / entry.name)
     except RecordingError:
         raise
     except OSError as error:

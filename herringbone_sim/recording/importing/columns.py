@@ -201,7 +201,7 @@ def _column(read: Read, j: int) -> Values:
 
 def _tdms(path: Path, _: Mapping[str, Any]) -> _Found:
     """Return readers and clocks [s] of the channels of a TDMS file."""
-    file = package("nptdms", "npTDMS", "TDMS files").TdmsFile.read(path)
+    file = package("nptdms", "npTDMS", "TDMS files").TdmsFile.read(path, raw_timestamps=True)
     every = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels()}
     clocks = {
         name: c.properties.get("wf_start_offset", 0.0)
@@ -209,7 +209,15 @@ def _tdms(path: Path, _: Mapping[str, Any]) -> _Found:
         for name, c in every.items()
         if c.properties.get("wf_increment")
     }
-    return {name: partial(c.__getitem__, slice(None)) for name, c in every.items()}, clocks
+    return {name: partial(_of_tdms, c) for name, c in every.items()}, clocks
+
+
+def _of_tdms(channel: Any) -> Values:
+    """Read a channel; times to the nanosecond, where npTDMS would cut them to microseconds."""
+    values = channel[:]
+    dates = getattr(values, "as_datetime64", None)
+    read: Values = values if dates is None else dates("ns")
+    return read
 
 
 _READERS: Mapping[str, Callable[[Path, Mapping[str, Any]], _Found]] = {

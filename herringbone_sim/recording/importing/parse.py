@@ -85,7 +85,12 @@ def _spec(folder: Path, content: Any) -> ImportSpec:
     noise, sensors = top.take("noise"), top.take("sensors")
     # Checked before a run is read; both go to campaign.yaml as they stand.
     noise_share("the spec", noise)
-    sensor_values("the spec", sensors)
+    foreign = [name for name in sensor_values("the spec", sensors) if name not in names]
+    if foreign:
+        near = difflib.get_close_matches(foreign[0], names, 1) or names[:1]
+        raise top.wrong(
+            "sensors", "of channels of the rig", foreign[0], f"did you mean {near[0]}?"
+        )
     return ImportSpec(rig, nominal, shaft, offset, runs, noise, sensors)
 
 
@@ -183,6 +188,11 @@ def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, An
     column = value.get("column") if isinstance(value, dict) else None
     if not star or not isinstance(column, str):
         return [(name, value)]
+    if "*" not in column:
+        raise RecordingError(
+            f"the column of {shown(name)} must have a star, too, got {shown(column)}: each "
+            "channel has a column of its own"
+        )
     long = len(head) + len(tail)
     candidates = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
     fit = [n for n in candidates if n.startswith(head) and n.endswith(tail) and len(n) > long]

@@ -14,7 +14,7 @@ import numpy as np
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.layout import PREFIX_UNITS, QUANTITIES
 from herringbone_sim.gap.data.noise import resolution
-from herringbone_sim.gap.data.prepared import PreparedRun
+from herringbone_sim.gap.data.prepared import Measured, PreparedRun
 from herringbone_sim.gap.observations.force_law import SLOW_HZ
 from herringbone_sim.gap.observations.runs import GearRun
 from herringbone_sim.gap.residuals.mesh_law import law
@@ -84,8 +84,13 @@ def _channel_noise(
         lines_hz=tuple(lines),
         step=step,
         delay_s=float(np.mean([g.run.delay_rad / g.run.omega_rad_per_s for g in runs])),
-        told=sigma if noise_known else None,
+        told=sigma if noise_known or all(_given(m, j) for m in measured) else None,
     )
+
+
+def _given(measured: Measured, j: int) -> bool:
+    """Whether the campaign gives the noise of channel j by itself."""
+    return measured.sigma_given is not None and bool(measured.sigma_given[j])
 
 
 def _residual(g: GearRun, quantity: str, j: int) -> Array | None:

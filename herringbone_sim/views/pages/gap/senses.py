@@ -132,7 +132,13 @@ def verify_page(result: Repetition) -> str:
     """Return the HTML of the page: the gap on additional runs beside the gap in the report."""
     earlier, gap = result.earlier, result.senses.residual
     effects = "; and ".join(words.effect_words(effect) for effect in earlier.effects)
-    closes = [f"{percent(min(gap.closed(role=None), 1.0))} of the gap closes here"]
+    here = gap.closed(role=None)
+    if not math.isfinite(here):
+        closes = ["how much of the gap closes here is not known"]
+    elif here < 0.0:
+        closes = ["the gap is larger with it here, not smaller"]
+    else:
+        closes = [f"{percent(min(here, 1.0))} of the gap closes here"]
     reported = earlier.numbers.get("residual")
     if reported and reported.metric == gap.metric and math.isfinite(reported.closure):
         before = percent(min(reported.closure, 1.0))

@@ -17,6 +17,8 @@ def headline(verdict: Verdict) -> str:
     """The verdict as a sentence."""
     if verdict.verdict == "none":
         return "No gap: the nominal model, within its tolerance, explains these runs"
+    if verdict.unobserved:
+        return "Whether there is a gap is not known: these channels allow no diagnosis"
     if verdict.verdict == "unknown":
         return "There is a gap, and nothing in the catalogue explains it"
     effects = [words.effect_words(effect) for effect in named_effects(verdict)]
