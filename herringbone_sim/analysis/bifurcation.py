@@ -79,12 +79,11 @@ def bifurcation_diagram(
         )
     exponents = [(r.exponent.value, r.exponent.low, r.exponent.high) for r in chosen]
     points = tuple(_points(result, mesh) for result in chosen)
-    pairs = zip(chosen, points, strict=True)
     return BifurcationDiagram(
         parameter,
         np.array([r.segment.point[parameter] for r in chosen]),
         points,
-        tuple(_point_values(result, parameter, len(x)) for result, x in pairs),
+        tuple(_point_values(result, parameter) for result in chosen),
         mesh,
         np.array(exponents),
         np.array([r.model_exponent for r in chosen]),
@@ -100,16 +99,22 @@ def _points(result: SegmentResult, mesh: str) -> Array:
     found) evenly spaced ones, so that they cover almost the whole segment.
     """
     x = result.section.x[:, result.motion.meshes.index(mesh)]
-    stride = 1 if result.period.value else max(len(x) // MAX_POINTS, 1)
-    points: Array = x[-MAX_POINTS * stride :: stride].copy()
+    points: Array = x[_shown(result)].copy()
     return points
 
 
-def _point_values(result: SegmentResult, parameter: str, count: int) -> Array:
-    """Parameter value at each of ``count`` section points."""
+def _shown(result: SegmentResult) -> slice:
+    """Section points of a segment that are shown, see ``_points``."""
+    stride = 1 if result.period.value else max(len(result.section) // MAX_POINTS, 1)
+    return slice(-MAX_POINTS * stride, None, stride)
+
+
+def _point_values(result: SegmentResult, parameter: str) -> Array:
+    """Parameter value at each of the points of ``_points``."""
+    times = result.section.times[_shown(result)]
     if result.segment.ramp == parameter:
-        return np.linspace(*result.segment.ramp_ends, count)
-    return np.full(count, result.segment.point[parameter])
+        return np.interp(times, result.span_s, result.segment.ramp_ends)
+    return np.full(len(times), result.segment.point[parameter])
 
 
 def _one_parameter(results: Sequence[SegmentResult]) -> tuple[str, list[SegmentResult]]:

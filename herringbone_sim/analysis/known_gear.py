@@ -22,6 +22,7 @@ from herringbone_sim.core.model import (
     with_added_states,
 )
 from herringbone_sim.core.parameters import Parameters, ParameterWarning, from_mapping, names
+from herringbone_sim.effects.assemble import assemble
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import stepper
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -60,7 +61,7 @@ def gear_of(parameters: Mapping[str, Any], with_model: bool, sets: Sets = ((),))
         omega_n=model.scales.omega_n,
         base={name: float(getattr(p, name)) for name in FROM_POINT}
         | ({EFFECTS: 0.0} if any(sets) else {}),
-        half_backlash_m=lambda point: _half_backlash(p, point),
+        half_backlash_m=lambda point: _half_backlash(p, sets, point),
         model_exponent=(lambda point, section: _exponent(p, sets, point, section))
         if with_model
         else None,
@@ -98,13 +99,18 @@ def model_at(p: Parameters, point: Mapping[str, float]) -> Model:
     return build(model.parameters.changed({"Omega": Omega}))
 
 
-def _half_backlash(p: Parameters, point: Mapping[str, float]) -> dict[str, float] | None:
-    """b' [m] of ``sp`` and ``rp`` meshes, and of each, at a point; None if no gear can have it."""
+def _half_backlash(
+    p: Parameters, sets: Sets, point: Mapping[str, float]
+) -> dict[str, float] | None:
+    """b' [m] of ``sp`` and ``rp`` meshes, and of each, at a point; None if no gear can have it.
+
+    With the effects in force there; what they displace is not in x, and not in b' either.
+    """
     try:
-        model = model_at(p, point)
+        model = assemble(model_at(p, point), sets[int(point.get(EFFECTS, 0.0))])
     except ParameterError:
         return None
-    half = model.half_backlash_m
+    half = model.packed.b * model.scales.b_c
     return by_kind(half) | dict(zip(model.layout.meshes, half.tolist(), strict=True))
 
 

@@ -68,7 +68,12 @@ class RegimeMonitor:
         return Regime(self._label(exponent), exponent, self._shares(), self._cycles)
 
     def _exponent(self, model: Model) -> float:
-        """Mean growth per tau of the tangent vector over the last EXPONENT_WINDOW cycles."""
+        """Mean growth per tau of the tangent vector over the last EXPONENT_WINDOW cycles.
+
+        NaN without one, as by Runge-Kutta 4.
+        """
+        if model.parameters.method == "rk4" and model.integrator is None:
+            return float("nan")
         if len(self._growth) < 2 or self._growth[-1][0] == self._growth[0][0]:
             return float("nan")
         (from_cycle, start), (to_cycle, end) = self._growth[0], self._growth[-1]

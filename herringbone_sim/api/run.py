@@ -19,6 +19,7 @@ from herringbone_sim.core.model import Model
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.effects.assemble import build_with
 from herringbone_sim.effects.stepper import change
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError, ParameterError, shown
 from herringbone_sim.recording.parameter_file import EFFECTS, gear_of_values, values_of_gear
 from herringbone_sim.recording.reader import ParameterChange, read_recording
@@ -71,7 +72,8 @@ class Run(NotebookResult):
 
     @cached_property
     def _gear(self) -> Any:
-        gear = gear_of(self.parameters, with_model=False)
+        sets = [read_effects(text) for text in self._effects]
+        gear = gear_of(self.parameters, with_model=False, sets=sets)
         # Sets of effects are numbered at the operating points only where they change.
         return replace(gear, base={**gear.base, EFFECTS: 0.0}) if self._effects[1:] else gear
 

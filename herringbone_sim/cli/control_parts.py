@@ -109,7 +109,8 @@ def shape(runner: MotionRunner, base: Parameters, size: Size, out: Path) -> Line
     tables.write_shape(out / "phase.csv", by_phase)
     tables.write_shape(out / "order.csv", by_order)
     tables.write_least(out / "phase_least.csv", "control_phase", least)
-    lines, ring = text.phase_lines(turn, least), cancelling(base) if cancels(base) else None
+    lines = text.phase_lines(turn, least)
+    ring = cancelling(base) if cancels(base, runner.build(base)) else None
     if ring is None:
         lines.append("no control of this gear cancels its mesh error")
     else:

@@ -16,6 +16,7 @@ from herringbone_sim.arrays import Array, Flags, Indices
 from herringbone_sim.control.amplitude import Survey, run_survey
 from herringbone_sim.control.runs import LEAST_EXPONENT, MotionRunner, RunSettings
 from herringbone_sim.control.starts import Starts
+from herringbone_sim.core.model import Model
 from herringbone_sim.core.parameters import Parameters, meaning
 from herringbone_sim.sweeps.grid import Axis
 
@@ -132,15 +133,21 @@ def cancelling(p: Parameters) -> tuple[float, float]:
     return float(abs(amplitude) * p.Omega**2), float((phase + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def cancels(p: Parameters) -> bool:
+def cancels(p: Parameters, model: Model) -> bool:
     """Whether a control of this gear, within its bounds, cancels all that varies of its error e.
 
     Not one of another order, nor on some of the equations alone, nor where the error has further
-    harmonics, or differs from mesh to mesh.
+    harmonics, differs from mesh to mesh, or is changed by effects.
+
+    Args:
+        p: parameters of the gear.
+        model: the same gear with its effects.
     """
     K, phase = cancelling(p)
     one = p.control_order == 1.0 and set(p.control_on) == {1.0} and not any(p.e_amp[1:])
     alike = all(len(set(values)) == 1 for values in (p.e_factor, p.phi_b, p.mesh_phase))
+    changes = (model.packed.d_cos, model.packed.d_sin, model.packed.event_d)
+    alike &= not any(np.any(values) for values in changes)
     bounds = ((meaning("K"), (1.0 + NEAR) * K), (meaning("control_phase"), abs(phase) + NEAR))
     return bool(one and alike and K > 0.0 and all(value <= known.high for known, value in bounds))
 

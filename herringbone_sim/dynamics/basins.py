@@ -183,4 +183,5 @@ def explore_slice(
     labels = basins.labels.reshape(rows, n)
     if exchange is not None:
         labels = np.concatenate([labels, labels[: n // 2][::-1]])
-    return axis, Basins(basins.attractors, labels)
+    whole = Basins(basins.attractors, labels)
+    return axis, whole if known else by_share(whole)

@@ -7,7 +7,6 @@ the Hénon map of the tests are others.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from fractions import Fraction
 from typing import Protocol
 
@@ -19,6 +18,7 @@ from herringbone_sim.core.mirror import has_equal_halves, state_mirror
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import LIMIT, TWO_PI
 from herringbone_sim.core.sensitivity import need_tangents
+from herringbone_sim.effects.assemble import changed
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 MOST_ORDER = 64  # largest denominator of the control order: mesh cycles until it repeats
@@ -138,7 +138,7 @@ def effect_cycles(model: Model) -> int:
     1 without effects, and also if ``period_of`` finds no period.
     """
     try:
-        return period_of(replace(model, packed=model.packed._replace(K=0.0)))
+        return period_of(changed(model, model.parameters.changed({"K": 0.0})))
     except ParameterError:
         return 1
 

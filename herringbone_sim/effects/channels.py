@@ -73,10 +73,14 @@ def _of_locus(known: Sequence[str], sensor_effect: Active, prefix: str) -> list[
     channels = []
     for name in known:
         kind, _, side = name.removeprefix(f"{prefix}_").partition("_")
-        if name.startswith(f"{prefix}_") and (
-            place.mesh in ("all", kind[:2])
-            and place.planet in ("all", kind[2:])
-            and place.side in ("all", side)
+        if (
+            name.startswith(f"{prefix}_")
+            and not name.startswith("F_pin")
+            and (
+                place.mesh in ("all", kind[:2])
+                and place.planet in ("all", kind[2:])
+                and place.side in ("all", side)
+            )
         ):
             channels.append(name)
     return channels

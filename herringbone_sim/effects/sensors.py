@@ -92,7 +92,7 @@ class Sensors:
         For delays the samples after the block are integrated too, without advancing the run.
         """
         if not self._actives and not self._drift:
-            self.before = block.rows[-HISTORY:]
+            self.before = np.concatenate([self.before, block.rows])[-HISTORY:]
             return block
         count = self._count()
         ahead = np.empty((0, block.rows.shape[1]))

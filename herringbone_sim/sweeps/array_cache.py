@@ -12,6 +12,7 @@ import functools
 import hashlib
 import io
 import json
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 from herringbone_sim.core import cache
+from herringbone_sim.effects.registry import VARIABLE
 from herringbone_sim.sweeps.output import make_folder, whole_file
 from herringbone_sim.version import VERSION
 
@@ -76,13 +78,20 @@ class ArrayCache:
 
 
 def digest(parts: Sequence[Any]) -> str:
-    """Digest of inputs, of the version and of the sources of ``_sources``: 32 hexadecimal digits.
+    """Digest of inputs, version, sources and files of own effects: 32 hexadecimal digits.
 
     Args:
         parts: plain values, arrays, and dataclasses or sequences of them.
     """
-    text = json.dumps([VERSION, _sources(), *parts], default=_plain, sort_keys=True)
+    sources = [VERSION, _sources(), _own_effects()]
+    text = json.dumps([*sources, *parts], default=_plain, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _own_effects() -> list[str]:
+    """Digests of the files of the user's own effects, see ``effects.registry``."""
+    paths = [Path(path) for path in os.environ.get(VARIABLE, "").split(os.pathsep) if path]
+    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
 
 
 def _read(path: Path) -> Arrays | None:

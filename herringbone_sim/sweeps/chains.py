@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from herringbone_sim.arrays import Array
-from herringbone_sim.core.model import Model, build, carry_over
+from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.effects.effect import Active
 from herringbone_sim.effects.stepper import change, stepper
@@ -156,11 +156,15 @@ def _starts(job: Job, row: range) -> Array | None:
     (models, _) = build_models(job.sweep, row)
     for i, (index, new) in enumerate(zip(row, models, strict=True)):
         if new is not None and not np.isnan(job.before[i]).any():
-            old = build(job.sweep.parameters_at(_neighbour(job.sweep, index)))
-            m = new.layout.n_state
-            starts[i] = job.before[i]
-            starts[i, :m] = carry_over(old, new, job.before[i, :m], 0.0)
+            starts[i] = _carried(job.sweep, index, job.before[i], new.parameters)
     return starts
+
+
+def _carried(sweep: Sweep, index: int, end: Array, parameters: Parameters) -> Array:
+    """State that continues the final state of the value before ``index`` with ``parameters``."""
+    before = sweep.parameters_at(_neighbour(sweep, index))
+    old, new = (stepper(build(p), sweep.actives) for p in (before, parameters))
+    return change(old, new, replace(old.start(), y=end)).y
 
 
 def _ramp(job: Job, row: range, place: int) -> Table:
@@ -185,6 +189,8 @@ def _ramp_one(
     look = sweep.observation
     try:
         path = _path(sweep, index, start is None)
+        if start is not None:
+            start = _carried(sweep, index, start, path[0])
         cycle = look.transient + (place + 1) * look.cycles - len(path)
         states, model = ramp(path, start, cycle, sweep.actives)
     except ParameterError as error:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 from gears import paper
 
 from herringbone_sim.analysis.monitor import EXPONENT_WINDOW, LEAST, RegimeMonitor
 from herringbone_sim.core.integrate import State, change, stepper
-from herringbone_sim.core.model import Model
+from herringbone_sim.core.model import Model, build
+from herringbone_sim.core.parameters import Parameters
 
 
 def labels(model: Model, state: State, cycles: int) -> tuple[list[str], State]:
@@ -38,3 +40,15 @@ def test_a_period_is_told_before_the_exponent() -> None:
     _, end = labels(model, stepper(model).start(tangents=1), 600)
     found, _ = labels(model, end, 100)
     assert found[-1] == "P1"
+
+
+def test_without_a_tangent_vector_there_is_no_exponent() -> None:
+    """Runge-Kutta 4 integrates none: its growth of 0 is not an exponent."""
+    model = build(Parameters(method="rk4", steps_per_cycle=64))
+    monitor, machine = RegimeMonitor(), stepper(model)
+    state = machine.start(1)
+    for _ in range(3):
+        block = machine.advance(state, 160)
+        monitor.update(block, model)
+        state = block.end
+    assert np.isnan(monitor.regime(model).exponent)

@@ -16,6 +16,7 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import build
 from herringbone_sim.core.parameters import Parameters, to_mapping
 from herringbone_sim.core.timeseries import TimeSeries
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.recording.parameter_file import load_parameters
 
@@ -185,3 +186,26 @@ def test_each_mesh_has_its_own_backlash() -> None:
     wanted = model.half_backlash_m
     assert [half[mesh] for mesh in p.layout.meshes] == pytest.approx(wanted.tolist())
     assert half["sp_R"] < half["sp_L"]
+
+
+def test_contact_uses_the_backlash_of_effects() -> None:
+    parameters, worn = to_mapping(Parameters()), read_effects("backlash_offset:offset=2e-5")
+    half_backlash = gear_of(parameters, False, ((), worn)).half_backlash_m
+    assert half_backlash is not None
+    point = {FREQUENCY: 5000.0}
+    before, after = (half_backlash(point | {"effects": number}) for number in (0.0, 1.0))
+    assert before is not None
+    assert after is not None
+    assert after["sp"] - before["sp"] == pytest.approx(2e-5)
+
+
+def test_points_of_a_ramp_have_their_own_values() -> None:
+    """Also where points are dropped at the start of the ramp: x is drawn over its own K."""
+    turns = np.arange(400 * 16) / 16
+    K = np.floor(turns) / 400
+    x = 1e-5 * K * np.cos(2.0 * np.pi * turns)
+    data = np.stack([2.0 * np.pi * turns, K, x, np.gradient(x, 1e-3 / 16)], axis=1)
+    series = TimeSeries(turns * 1e-3, data, ("phase", "K", "x_sp_L", "v_sp_L"))
+    diagram = bifurcation_diagram(analyze_series(series, options=Options(transient_cycles=20)))
+    for points, values in zip(diagram.points, diagram.point_values, strict=True):
+        np.testing.assert_allclose(1e5 * points, values, atol=1.5 / 400)

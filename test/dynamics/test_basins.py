@@ -8,7 +8,8 @@ from flows import Cubics, Henon
 from gears import paper
 from scipy.stats import binom
 
-from herringbone_sim.core.model import initial_state, relative
+from herringbone_sim.core.model import build, initial_state, relative
+from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.attractors import (
     ALIKE,
     AS_A_SET,
@@ -224,3 +225,16 @@ def test_sections_do_not_hang_on_the_number_of_threads(gear):
 
 def test_starts_that_all_diverge_have_no_shares():
     assert Basins((), np.full(5, -1)).shares().shape == (0, 3)
+
+
+def test_a_slice_of_odd_size_is_sorted_by_the_whole_plane():
+    """Its middle row, which is its own mirror image, counts once."""
+
+    def sections_of(starts):
+        apart = np.round(starts[:, 2] - starts[:, 3], 6) != 0
+        larger = starts[:, 2] + starts[:, 3] > -0.1
+        kind = np.where(apart, np.where(larger, 1.0, 2.0), 0.0)
+        return np.tile(kind[:, None, None], (1, 50, 8))
+
+    _, basins = explore_slice(build(Parameters()), sections_of, 3)
+    assert list(basins.counts) == [4, 3, 2]

@@ -10,8 +10,18 @@ from scipy.linalg import expm
 
 from herringbone_sim.core.mirror import layout_mirror
 from herringbone_sim.core.model import jacobian
-from herringbone_sim.dynamics.flow import GearFlow, cycles_of, forcing_cycles, settle, symmetry
+from herringbone_sim.core.parameters import Parameters
+from herringbone_sim.dynamics.flow import (
+    GearFlow,
+    cycles_of,
+    effect_cycles,
+    forcing_cycles,
+    settle,
+    symmetry,
+)
 from herringbone_sim.dynamics.gear_family import GearCache
+from herringbone_sim.effects.assemble import build_with
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import DivergenceError, ParameterError
 
 NONE = np.zeros((0, 8))
@@ -177,3 +187,10 @@ def test_the_forcing_repeats_with_control_and_effects_together(gear):
     assert forcing_cycles(gear(K=0.1, control_order=0.05)) == 20
     assert forcing_cycles(gear(K=0.0, control_order=0.05)) == 1
     assert forcing_cycles(gear(K=0.1, control_order=2.0**0.5)) == 1  # none together
+
+
+@pytest.mark.parametrize("order", [1 / 3, 0.618034])
+def test_the_control_does_not_count_in_the_period_of_effects(order):
+    """A free pin feels the control through the carrier."""
+    actives = read_effects("bearing_clearance; tooth_crack@sp/all/L")
+    assert effect_cycles(build_with(Parameters(K=0.1, control_order=order), actives)) == 27

@@ -15,11 +15,12 @@ from herringbone_sim.core.integrate import simulate
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.channels import distort, on_channels
+from herringbone_sim.effects.channels import distort, names_of, on_channels
 from herringbone_sim.effects.effect import Active, Effect, Locus, active
 from herringbone_sim.effects.evaluate import Motion, evaluate, forces, motion
 from herringbone_sim.effects.registry import VARIABLE, effect, effects
 from herringbone_sim.effects.sensors import check_sensors
+from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import AnalysisError, ParameterError
 
 CATALOGUE = {
@@ -278,3 +279,8 @@ def test_a_clock_of_other_channels_does_not_concern_the_forces() -> None:
 def test_an_effect_that_fills_slots_has_a_law_too() -> None:
     with pytest.raises(ParameterError, match="has fill alone"):
         Effect("heavy", "fills a slot", "mesh", (), fill=lambda slots, theta, mask, options: None)
+
+
+def test_pin_forces_are_no_forces_of_meshes() -> None:
+    (gain,) = read_effects("sensor_gain")
+    assert names_of(("F_sp1_L", "F_pin1"), gain) == ("F_sp1_L",)

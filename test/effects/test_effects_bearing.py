@@ -12,11 +12,12 @@ from herringbone_sim.arrays import Array
 from herringbone_sim.core.model import Model, build
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.core.timeseries import TimeSeries
-from herringbone_sim.effects.assemble import by_laws
+from herringbone_sim.effects.assemble import assemble, by_laws
 from herringbone_sim.effects.effect import Active, Locus, active
 from herringbone_sim.effects.evaluate import evaluate, motion
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
+from herringbone_sim.effects.written import read_effects
 
 SEAT = {"clearance": 1e-5, "stiffness": 1e10, "damping": 0.1, "softness": 0.12}
 PINS = {"all": [1, 4], "L": [1], "R": [4]}  # halves p1_L, p2_L, .., p3_R that are free
@@ -106,3 +107,15 @@ def test_recorded_motion_and_forces_tell_where_the_pin_is(rig: Model) -> None:
     assert missed(free("all", clearance=1.05e-5)) > 2.0 * right
     assert missed(free("L")) > 50.0 * right
     assert missed() > 50.0 * right
+
+
+def test_a_free_pin_bears_the_output_torque_without_input_torque() -> None:
+    pins = read_effects("bearing_clearance")
+    gears = [build(Parameters(T_1=T_1, T_2=100.0)) for T_1 in (0.0, 1e-9)]
+    loads = [assemble(gear, pins).packed.load_cos for gear in gears]
+    assert loads[0].any()
+    np.testing.assert_allclose(*loads, rtol=1e-9)
+    # By the law of the effect as well as by the slots that it fills.
+    own = [LawStepper(by_laws(gear, pins)) for gear in gears]
+    (at_rest, loaded) = (one.advance(one.start(), 24).end.y for one in own)
+    np.testing.assert_allclose(at_rest, loaded, rtol=1e-6)

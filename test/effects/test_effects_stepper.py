@@ -29,6 +29,7 @@ from herringbone_sim.effects.evaluate import evaluate, motion
 from herringbone_sim.effects.gear import pointers_allowed
 from herringbone_sim.effects.law_stepper import LawStepper
 from herringbone_sim.effects.registry import effect
+from herringbone_sim.effects.sensors import Sensors
 from herringbone_sim.effects.stepper import simulate, stepper
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import DivergenceError, ParameterError
@@ -283,3 +284,18 @@ def test_states_by_laws_are_not_read_as_samples() -> None:
     gear = by_laws(build(Parameters()), read_effects("mean_stiffness:factor=1.1"))
     with pytest.raises(ParameterError, match="samples of states"):
         LawStepper(gear).read(np.zeros((1, gear.n_state)), np.zeros((1, 2), dtype=int))
+
+
+def test_samples_before_a_delay_do_not_depend_on_the_blocks() -> None:
+    """A delay that is switched on later shows what was before, however the run was cut."""
+    gear, shown = stepper(build(Parameters()), ()), []
+    delay = read_effects("sensor_delay:delay=2e-4,channels=x_sp_L")
+    for size in (4, 64):
+        sensors, state = Sensors(gear, ()), gear.start()
+        for _ in range(64 // size):
+            block = gear.advance(state, size)
+            sensors.show(block)
+            state = block.end
+        later = sensors.followed(gear, delay, state.t)
+        shown.append(later.show(gear.advance(state, 16)).rows)
+    np.testing.assert_array_equal(*shown)

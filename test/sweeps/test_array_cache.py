@@ -155,3 +155,14 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda *_: False)
     with pytest.raises(AnalysisError, match="Permission denied"):
         make_folder(tmp_path)
+
+
+def test_files_of_own_effects_are_part_of_the_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, digests = tmp_path / "own.py", set()
+    monkeypatch.setenv("HERRINGBONE_EFFECTS", str(own))
+    for text in ("A = 1\n", "A = 2\n"):
+        own.write_text(text)
+        digests.add(digest([]))
+    assert len(digests) == 2

@@ -20,6 +20,7 @@ from herringbone_sim.effects.stepper import change, stepper
 from herringbone_sim.effects.written import read_effects
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.recording.parameter_file import save_parameters
+from herringbone_sim.sweeps import chains
 from herringbone_sim.sweeps.chains import job_of, observe_parts
 from herringbone_sim.sweeps.grid import (
     Axis,
@@ -185,3 +186,26 @@ def test_a_motion_that_repeats_with_a_member_is_not_called_aperiodic_for_too_few
     assert np.isnan(few["period"]).all()
     plain = table_of(Sweep.of_gear(gear(), (), axes, look, "fixed"))
     assert np.isfinite(plain["period"]).all()
+
+
+def test_a_ramp_carries_over_from_value_to_value() -> None:
+    """Omega changes the rate of e(t): the ramp is one motion, as of the node's live changes."""
+    base = with_sweep_steps(Parameters(), {})
+    sweep = Sweep(base, (Axis("Omega", (0.9, 1.0)),), Observation(2, 4, 2, False), "ramp_up")
+    ends = observe_parts([job_of(sweep, 0)])[0]["end"]
+    values = [0.9] * 6 + list(np.linspace(0.9, 1.0, 5)[1:])
+    states, _ = chains.ramp([base.changed({"Omega": value}) for value in values])
+    assert states is not None
+    np.testing.assert_array_equal(ends, states[[6, 10]])
+
+
+def test_added_states_keep_their_si_values_along_a_chain() -> None:
+    """States of a ring are in units of b_c, which doubles: the numbers halve."""
+    text, base = "ring_flexibility@rp:stiffness=3e9", with_sweep_steps(Parameters(), {})
+    axes = (Axis("b_c", (1e-4, 2e-4)),)
+    sweep = Sweep(base, axes, Observation(2, 4, 2, False), "up", 1, text)
+    end = observe_parts([job_of(sweep, 0)])[0]["end"]
+    job = job_of(sweep, 1, end)
+    starts = chains._starts(job, job.rows[0])
+    assert starts is not None
+    np.testing.assert_allclose(2.0 * starts[0, 8:], end[0, 8:], rtol=1e-12)

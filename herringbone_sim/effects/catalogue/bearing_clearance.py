@@ -26,15 +26,16 @@ from herringbone_sim.effects.law import CONTROL, PHASE, SHIFT, SHIFT_RATE, TORQU
 from herringbone_sim.effects.slots import Coordinates, Slots
 
 CLEARANCE, STIFFNESS, DAMPING, SOFTNESS = range(4)
-MASK, PIN, MASS, COS_BETA, MULTIPLICITY, CARRIER, BRAKE, DRIVE, ORDER, ANGLE = range(10)
+MASK, PIN, MASS, COS_BETA, MULTIPLICITY, CARRIER, BRAKE, DRIVE, ORDER, ANGLE, REST = range(11)
 
 
 def place(model: Model, mask: Array, options: Options) -> Array:
-    """Return ``site``, rows (10, n_mesh).
+    """Return ``site``, rows (11, n_mesh).
 
     1 on both meshes of a free half; index of its pin; mass of the pin [kg] at the index of the
     pin, else 0; cos beta; number of planets that a mesh represents; M_c [kg]; T_2 / r_bc over T_1
-    [1/m]; force on the carrier for K = 1 [N]; order and phase [rad] of the control.
+    [1/m]; force on the carrier for K = 1 [N]; order and phase [rad] of the control; T_2 / r_bc [N]
+    of a gear without T_1, else 0.
     """
     p, s = model.parameters, model.scales
     halves = mask.size // 2
@@ -44,7 +45,8 @@ def place(model: Model, mask: Array, options: Options) -> Array:
     mass = 0.5 * p.m_p * np.bincount(pin.ravel(), free.ravel(), halves)
     brake = s.T_2 / (s.r_bc * p.T_1) if p.T_1 else 2.0 / s.r_bs
     drive = s.M_c * s.acceleration_m_per_s2 / s.cos_beta
-    control = (drive, p.control_order, p.control_phase)
+    alone = 0.0 if p.T_1 else s.T_2 / s.r_bc
+    control = (drive, p.control_order, p.control_phase, alone)
     rest = (s.cos_beta, model.packed.multiplicity, s.M_c, brake, *control)
     rows = [np.tile(row, 2) for row in (free.ravel(), pin.ravel(), mass)]
     return np.stack([*rows, *(np.full(mask.size, value) for value in rest)])
@@ -73,6 +75,7 @@ def carrier_acceleration(theta, site, now, added_states, force):
     """Return the acceleration y'' [m/s^2] of the carrier without its free pins, Eq. (14)."""
     angle = site[ORDER, 0] * now[PHASE] + site[ANGLE, 0]
     load = site[DRIVE, 0] * now[CONTROL] * np.cos(angle) - site[BRAKE, 0] * now[TORQUE]
+    load -= site[REST, 0]
     left = site[CARRIER, 0]
     for m in range(force.size):
         if site[MASK, m] == 0.0:
@@ -147,7 +150,8 @@ def fill(slots: Slots, theta: tuple[float, ...], mask: Array, options: Options) 
     free = rows[CARRIER, 0] - np.sum(multiplicity * mass)
     # Acceleration of the carrier without its free pins: by mesh forces, seats and other loads.
     by_mesh = rows[MULTIPLICITY] * cos_beta * ~held / free
-    by_seat, by_load = multiplicity / free, -rows[BRAKE, 0] * T_1 / free
+    by_seat = multiplicity / free
+    by_load = -(rows[BRAKE, 0] * T_1 + rows[REST, 0]) / free
     by_control = rows[DRIVE, 0] / free
     inertia = np.sum(multiplicity * mass)
     carrier = np.eye(bodies)[2]
