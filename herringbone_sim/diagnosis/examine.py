@@ -207,6 +207,12 @@ def examine(
                 added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *added_pairs))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
+            if not machine.estimates_states:  # for run time
+                other = _other_first(search, singles, pairs, most)
+                added_pairs = fit_pairs(search, catalogue, other, 0.0, singles) if other else ()
+                if added_pairs:
+                    pairs = without_duplicates((*pairs, *added_pairs))
+                    flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
         parts = [f for f in near_best(none, singles, NEAR_SHARE) if not _is_ranked(f)]
         linear_pairs = [f for f in pairs if _is_ranked(f)]
         if machine.estimates_states and parts and linear_pairs:
@@ -228,6 +234,28 @@ def examine(
         search.offsets,
         machine,
     )
+
+
+def _other_first(
+    search: Search,
+    singles: Sequence[FittedExplanation],
+    pairs: Sequence[FittedExplanation],
+    most: float,
+) -> FittedExplanation | None:
+    """Fit alone the second effect of the pair that leaves least; None if that is at most ``most``.
+
+    The first effect, the best alone, may take the place of both: the second one is then in a pair
+    with another, or with the first at another place. None, too, if all were the first of a pair.
+    A fit of the effect among ``singles``, at any place, is returned as it is.
+    """
+    if not pairs or min(f.score.in_sample for f in pairs) <= most:
+        return None
+    tried = {f.hypotheses[0].effect for f in pairs}
+    untried = [f for f in pairs if f.hypotheses[1].effect not in tried]
+    untried.sort(key=lambda f: f.score.in_sample)
+    second = next((f.hypotheses[1] for f in untried if f.hypotheses[1].source is None), None)
+    best = (f for f in singles if second and f.hypotheses[0].effect == second.effect)
+    return next(best, None) or refit_second_alone(search, singles, untried)
 
 
 def _calibrated_by_enough(
