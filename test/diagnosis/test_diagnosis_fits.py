@@ -11,7 +11,7 @@ import pytest
 
 from herringbone_sim.diagnosis import refits
 from herringbone_sim.diagnosis.coefficients import Coefficient
-from herringbone_sim.diagnosis.examine import WORTH_SEEKING, _first_of_pairs
+from herringbone_sim.diagnosis.examine import WORTH_SEEKING, _first_of_pairs, _other_first
 from herringbone_sim.diagnosis.fits import (
     MAX_SCREENED_PER_EFFECT,
     FittedExplanation,
@@ -433,3 +433,31 @@ def test_a_quick_screen_is_the_fall_of_chi2_beyond_the_base(center: float) -> No
     search.campaign = SimpleNamespace(normal_equations=lambda _: equations)
     gain = search.quick((Coefficient("", 0.1, np.inf, {}, center),))
     assert gain == pytest.approx(least(3) - least(2), rel=1e-9)
+
+
+def test_where_all_pairs_leave_more_than_noise_a_second_effect_goes_first() -> None:
+    """That of the pair that leaves least, where it alone is best; one that was first is not again.
+
+    Offsets of backlash at all meshes beside its change by temperature at some: alone, a change at
+    all meshes removes more, and with it in the fit no offset helps.
+    """
+    a, b, b_left, c = one("a"), one("b"), one("b", place="L"), one("c")
+    singles = [
+        FittedExplanation((h,), Left(loss, loss))
+        for h, loss in ((a, 5.0), (b, 9.0), (b_left, 20.0))
+    ]
+    pairs = [
+        FittedExplanation((a, c), Left(3.0, 4.0)),
+        FittedExplanation((a, b_left), Left(4.0, 2.0)),
+    ]
+    search = with_fits(
+        refined=lambda coefficients, start: Left(7.0, 7.0, start, coefficients),
+        null=SimpleNamespace(mean=np.zeros(0)),
+    )
+    assert _other_first(search, singles, pairs, most=1.0) is singles[1]
+    assert _other_first(search, singles, pairs, most=2.0) is None
+    pairs.append(FittedExplanation((b, c), Left(1.5, 1.8)))
+    found = _other_first(search, singles, pairs, most=1.0)
+    assert found is not None
+    assert found.hypotheses == (c,)
+    assert _other_first(search, singles, pairs[1:2], most=1.0) is singles[1]
