@@ -233,7 +233,7 @@ def sample_noise(motion: Motion, share: float | None) -> tuple[Array, Array]:
         return share * _rms(motion.x), share * _rms(motion.v)
     x, v = noise_floor(motion.x), noise_floor(motion.v)
     # Impacts of a noise-free motion also have power at the top of the band.
-    weak = not np.nanmax(np.append(x / _rms(motion.x), v / _rms(motion.v))) > RESOLVED_NOISE
+    weak = not np.any(np.append(x / _rms(motion.x), v / _rms(motion.v)) > RESOLVED_NOISE)
     return (np.zeros_like(x), np.zeros_like(v)) if weak else (x, v)
 
 

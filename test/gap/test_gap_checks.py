@@ -29,6 +29,8 @@ from herringbone_sim.gap.data.prepare import (
 from herringbone_sim.gap.data.prepared import PreparedCampaign, PreparedRun
 from herringbone_sim.gap.data.screen import Finding, finding_texts
 from herringbone_sim.gap.diagnose import diagnose
+from herringbone_sim.gap.observations.calibration.noise_report import recorded_noise
+from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.residuals.foreign_runs import runs_with_other_force_law
 from herringbone_sim.gap.residuals.fusion import fuse
 from herringbone_sim.gap.sensors.detrended import settle_detrended
@@ -214,6 +216,9 @@ def test_noise_of_single_channels_is_taken_as_told(series: TimeSeries) -> None:
     assert found.x.sigma[0] == pytest.approx(3e-7, rel=1e-3)
     assert with_estimated_noise(found).x.sigma[0] == found.x.sigma[0]
     np.testing.assert_array_equal(found.x.sigma[1:], estimated.x.sigma[1:])
+    noise = recorded_noise(GearObservations([found]).runs, False)
+    assert noise["x_sp1_L"].told == pytest.approx(3e-7, rel=1e-3)
+    assert noise["x_sp2_L"].told is None
     assert all_noise_told([found], sensors)
     assert not all_noise_told([found], {n: one for n, one in sensors.items() if n != "F_sp1_L"})
     told = told_noise(found.model, {"angle_c": {"rms": 1e-6}})
