@@ -61,7 +61,7 @@ class Run(NotebookResult):
 
         Raises:
             AnalysisError: the run has no phase or no displacement, or is too short.
-            ParameterError: no gear can have the recorded parameters.
+            ParameterError: no gear can have the recorded parameters, or there is no such effect.
         """
         numbers = [(change.t_s, numbers_of(change, self._effects)) for change in self.changes]
         return analyze_series(self.samples, numbers, Options(), self._gear)
@@ -75,7 +75,8 @@ class Run(NotebookResult):
         sets = [read_effects(text) for text in self._effects]
         gear = gear_of(self.parameters, with_model=False, sets=sets)
         # Sets of effects are numbered at the operating points only where they change.
-        return replace(gear, base={**gear.base, EFFECTS: 0.0}) if self._effects[1:] else gear
+        base = {name: value for name, value in gear.base.items() if name != EFFECTS}
+        return replace(gear, base=base | ({EFFECTS: 0.0} if self._effects[1:] else {}))
 
     def to_pandas(self) -> Any:
         """All channels [SI] as columns of a ``pandas.DataFrame``, with the time [s] as its index.

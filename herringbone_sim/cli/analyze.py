@@ -31,7 +31,7 @@ from herringbone_sim.analysis.pipeline import Options as Settings
 from herringbone_sim.analysis.pipeline import SegmentResult, analyze_series
 from herringbone_sim.cli.options import Count, Cycles, File, Mesh, Out, flattened, limits
 from herringbone_sim.effects.written import read_effects
-from herringbone_sim.errors import AnalysisError, RecordingError
+from herringbone_sim.errors import AnalysisError, HerringboneError
 from herringbone_sim.recording.parameter_file import load_gear, values_of_gear
 from herringbone_sim.recording.reader import Recording, read_recording
 from herringbone_sim.views.figures.style import Scale
@@ -113,15 +113,15 @@ def run(
     for path, name, folder in zip(runs, names, folders, strict=True):
         try:
             analysed.append(_analyse(path, name, folder, options))
-        except (RecordingError, AnalysisError) as error:
-            failed.append(error)
+        except HerringboneError as error:
+            failed.append(f"{name}: {error}" if several else str(error))
     for result in analysed:
         print(_summary(result))
     if len(analysed) > 1:
         _joint_diagram(analysed, out)
     if failed:
         head = f"{len(failed)} of {len(runs)} runs can't be analysed: " if several else ""
-        raise AnalysisError(head + "; ".join(dict.fromkeys(map(str, failed))))
+        raise AnalysisError(head + "; ".join(failed))
     return 0
 
 

@@ -69,7 +69,7 @@ def unswept(texts: Sequence[str], axes: Sequence[Axis]) -> dict[str, Any]:
     for axis in axes:
         if axis.name in changes:
             raise ParameterError(
-                f"--set {axis.name}={changes[axis.name]:g} has no effect, as {axis.name} is "
+                f"--set {axis.name}={changes[axis.name]} has no effect, as {axis.name} is "
                 "varied: leave one out"
             )
     return changes

@@ -6,7 +6,7 @@ Over 300 lines: the order of the search stands in one function, with the helpers
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,15 +200,17 @@ def examine(
                 flexible["single"] = _predictable_remainder(search, second, remainder)
             elif not (added_pairs and _first_was_misfitted(first, added_pairs[0], flexible)):
                 second = None
+            firsts = {first.effects[0]}
             if (
                 second is not None
                 and predicted_chi2(flexible["pair"]) > MIN_GAIN_PER_VALUE * count
             ):
+                firsts.add(second.effects[0])
                 added_pairs = fit_pairs(search, catalogue, second, 0.0, singles)
                 pairs = without_duplicates((*pairs, *added_pairs))
                 flexible["pair"] = _predictable_remainder(search, pairs[0], remainder)
             if not machine.estimates_states:  # for run time
-                other = _other_first(search, singles, pairs, most)
+                other = _other_first(search, singles, pairs, most, firsts)
                 added_pairs = fit_pairs(search, catalogue, other, 0.0, singles) if other else ()
                 if added_pairs:
                     pairs = without_duplicates((*pairs, *added_pairs))
@@ -241,17 +243,18 @@ def _other_first(
     singles: Sequence[FittedExplanation],
     pairs: Sequence[FittedExplanation],
     most: float,
+    firsts: Container[str],
 ) -> FittedExplanation | None:
     """Fit alone the second effect of the pair that leaves least; None if that is at most ``most``.
 
     The first effect, the best alone, may take the place of both: the second one is then in a pair
-    with another, or with the first at another place. None, too, if all were the first of a pair.
-    A fit of the effect among ``singles``, at any place, is returned as it is.
+    with another, or with the first at another place. Of the ``firsts``, to which second effects
+    have been sought, none is taken again; None if there is no other. A fit of the effect among
+    ``singles``, at any place, is returned as it is.
     """
     if not pairs or min(f.score.in_sample for f in pairs) <= most:
         return None
-    tried = {f.hypotheses[0].effect for f in pairs}
-    untried = [f for f in pairs if f.hypotheses[1].effect not in tried]
+    untried = [f for f in pairs if f.hypotheses[1].effect not in firsts]
     untried.sort(key=lambda f: f.score.in_sample)
     second = next((f.hypotheses[1] for f in untried if f.hypotheses[1].source is None), None)
     best = (f for f in singles if second and f.hypotheses[0].effect == second.effect)

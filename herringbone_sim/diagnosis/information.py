@@ -127,7 +127,7 @@ class Information:
         return max(float(size**2 * self._raw[i] - taken), 0.0)
 
     def _tolerances(self, i: int, size: float) -> Array:
-        """(p,) tolerances fitted to truth i at a size, inside their bounds; of the last kept."""
+        """(p,) tolerances fitted to truth i at a size, inside their bounds; the last is kept."""
         if self._fitted[:2] != (i, size):
             mean = posterior_mean(self._A, size * self._with_base[i], self._sd, self._bound)
             self._fitted = (i, size, mean)

@@ -19,6 +19,7 @@ from herringbone_sim.errors import ParameterError, shown
 
 GROUP = "herringbone_sim.effects"
 VARIABLE = "HERRINGBONE_EFFECTS"
+DIGEST = "DIGEST"  # attribute of the module of an own effect: digest of its file
 
 
 def effects() -> dict[str, Effect]:
@@ -45,6 +46,13 @@ def effect(name: str) -> Effect:
     return known[name]
 
 
+def own_digests() -> list[str]:
+    """Digests of the files of own effects as they were loaded; errors as of ``effects``."""
+    effects()
+    paths = [Path(path) for path in os.environ.get(VARIABLE, "").split(os.pathsep) if path]
+    return [str(vars(sys.modules[_module_name(path)])[DIGEST]) for path in paths]
+
+
 @functools.cache
 def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
     """Return pairs of id and effect, sorted; ``paths``: value of the environment variable."""
@@ -65,15 +73,20 @@ def _all_effects(paths: str) -> tuple[tuple[str, Effect], ...]:
 
 def load_file(path: Path) -> ModuleType:
     """Import a Python file as a module; ParameterError if it does not exist."""
-    path = path.resolve()
-    name = f"herringbone_effect_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    path, name = path.resolve(), _module_name(path)
     spec = importlib.util.spec_from_file_location(name, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise ParameterError(f"{VARIABLE} must list Python files, got {path}")
     module = importlib.util.module_from_spec(spec)
+    setattr(module, DIGEST, hashlib.sha256(path.read_bytes()).hexdigest())
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def _module_name(path: Path) -> str:
+    path = path.resolve()
+    return f"herringbone_effect_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
 
 
 def _of(module: ModuleType) -> Effect:

@@ -1,9 +1,9 @@
 """Cache of computed arrays in a folder, keyed by a digest of all inputs.
 
-Each file is named by the digest of its inputs, of the version and of the sources that determine
-results (``_sources``), so an interrupted computation continues where it was, and results of other
-inputs or other sources are never read. A file ends in the checksum of its content; if that fails,
-the file is ignored.
+Each file is named by the digest of its inputs, of the version, of the sources that determine
+results (``_sources``) and of the user's own effects, so an interrupted computation continues where
+it was, and results of other inputs or other sources are never read. A file ends in the checksum of
+its content; if that fails, the file is ignored.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import functools
 import hashlib
 import io
 import json
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from herringbone_sim.core import cache
-from herringbone_sim.effects.registry import VARIABLE
+from herringbone_sim.effects.registry import own_digests
 from herringbone_sim.sweeps.output import make_folder, whole_file
 from herringbone_sim.version import VERSION
 
@@ -83,15 +82,9 @@ def digest(parts: Sequence[Any]) -> str:
     Args:
         parts: plain values, arrays, and dataclasses or sequences of them.
     """
-    sources = [VERSION, _sources(), _own_effects()]
+    sources = [VERSION, _sources(), own_digests()]
     text = json.dumps([*sources, *parts], default=_plain, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def _own_effects() -> list[str]:
-    """Digests of the files of the user's own effects, see ``effects.registry``."""
-    paths = [Path(path) for path in os.environ.get(VARIABLE, "").split(os.pathsep) if path]
-    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
 
 
 def _read(path: Path) -> Arrays | None:

@@ -162,8 +162,8 @@ def _starts(job: Job, row: range) -> Array | None:
 
 def _carried(sweep: Sweep, index: int, end: Array, parameters: Parameters) -> Array:
     """State that continues the final state of the value before ``index`` with ``parameters``."""
-    before = sweep.parameters_at(_neighbour(sweep, index))
-    old, new = (stepper(build(p), sweep.actives) for p in (before, parameters))
+    before, actives = sweep.parameters_at(_neighbour(sweep, index)), sweep.actives
+    old, new = (stepper(build(p), actives) for p in (before, parameters))
     return change(old, new, replace(old.start(), y=end)).y
 
 

@@ -160,7 +160,7 @@ def test_runs_that_cannot_be_analysed_do_not_keep_others_from_it(
     }
     said = capsys.readouterr()
     assert "joint bifurcation diagram over K" in said.out
-    assert said.err.startswith("error: 1 of 4 runs can't be analysed: ")
+    assert said.err.startswith("error: 1 of 4 runs can't be analysed: bare: ")
 
 
 def test_a_chaotic_run_is_called_chaotic(

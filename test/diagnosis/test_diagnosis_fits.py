@@ -454,10 +454,10 @@ def test_where_all_pairs_leave_more_than_noise_a_second_effect_goes_first() -> N
         refined=lambda coefficients, start: Left(7.0, 7.0, start, coefficients),
         null=SimpleNamespace(mean=np.zeros(0)),
     )
-    assert _other_first(search, singles, pairs, most=1.0) is singles[1]
-    assert _other_first(search, singles, pairs, most=2.0) is None
+    assert _other_first(search, singles, pairs, 1.0, {"a"}) is singles[1]
+    assert _other_first(search, singles, pairs, 2.0, {"a"}) is None
     pairs.append(FittedExplanation((b, c), Left(1.5, 1.8)))
-    found = _other_first(search, singles, pairs, most=1.0)
+    found = _other_first(search, singles, pairs, 1.0, {"a", "b"})
     assert found is not None
     assert found.hypotheses == (c,)
-    assert _other_first(search, singles, pairs[1:2], most=1.0) is singles[1]
+    assert _other_first(search, singles, pairs[1:2], 1.0, {"a", "b"}) is None

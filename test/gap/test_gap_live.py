@@ -429,3 +429,9 @@ def test_a_phase_that_starts_anew_at_every_turn_is_one_stretch() -> None:
     taken = intake.take()
     assert taken is not None
     assert taken["phase"] == pytest.approx(2e4 * t)
+    # One that counts on and jumps by more than turns is not one stretch.
+    steps = np.full(800, 0.2)
+    steps[400] -= 14.0 * np.pi + 0.4
+    intake.put(("t", "phase"), np.column_stack([1.0 + np.arange(800) * 1e-5, np.cumsum(steps)]))
+    taken = intake.take()
+    assert taken is None or len(taken) < 400

@@ -273,3 +273,7 @@ def test_readings_at_both_ends_of_a_hole_are_kept() -> None:
     )
     lacking = ~np.isfinite(merged(groups).values["T_in"])
     assert fast[lacking].tolist() == (0.5 * np.arange(7, 16)).tolist()
+    slow = slow[3:] - 3.0  # the first reading is followed by the hole
+    groups = (groups[0], ClockGroup("slow", slow, {"T_in": slow}, True))
+    found = merged(groups)
+    assert np.isfinite(found.values["T_in"][found.times == 0.0]).all()

@@ -11,6 +11,7 @@ import pytest
 
 from herringbone_sim.control.runs import RunSettings
 from herringbone_sim.core import cache
+from herringbone_sim.effects import registry
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.sweeps import array_cache
 from herringbone_sim.sweeps.array_cache import ArrayCache, digest
@@ -26,6 +27,13 @@ class Work:
     def __call__(self):
         self.times += 1
         return {"x": np.arange(3.0), "reasons": ("", "diverged")}
+
+
+OWN = """
+from herringbone_sim.effects.effect import Effect, Parameter
+size = Parameter("size", "-", "of nothing", 0.0, 9.0, SIZE, neutral=0.0)
+EFFECT = Effect(id="own", text="nothing", level="mesh", parameters=(size,))
+"""
 
 
 def test_what_was_made_is_read(tmp_path):
@@ -160,9 +168,12 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path, monkeypatch):
 def test_files_of_own_effects_are_part_of_the_digest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own, digests = tmp_path / "own.py", set()
-    monkeypatch.setenv("HERRINGBONE_EFFECTS", str(own))
-    for text in ("A = 1\n", "A = 2\n"):
-        own.write_text(text)
-        digests.add(digest([]))
-    assert len(digests) == 2
+    """As they were loaded: an edit counts in the process that loads it."""
+    own, digests = tmp_path / "own.py", []
+    monkeypatch.setenv(registry.VARIABLE, str(own))
+    for size in ("1.0", "2.0"):
+        own.write_text(OWN.replace("SIZE", size))
+        digests.append(digest([]))
+    registry._all_effects.cache_clear()
+    assert digests[0] == digests[1] != digest([])
+    registry._all_effects.cache_clear()

@@ -20,7 +20,7 @@ class ForceResidual:
 
     Attributes:
         meshes: names of the k meshes.
-        residual_n: (n, k) [N]; NaN where a reading lacks.
+        residual_n: (n, k) [N]; NaN where a reading is missing.
         force_n: (n, k) measured [N].
     """
 

@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries, check_unique
 from herringbone_sim.errors import RecordingError, listed
-from herringbone_sim.recording.importing.turns import unwrapped
+from herringbone_sim.recording.importing.turns import span, unwrapped
 from herringbone_sim.recording.messages import MOST_S
 
 MOST, LEAST = 2048, 64  # samples of a stretch
@@ -84,7 +84,8 @@ class SampleBuffer:
         rows = np.vstack(self._blocks)[-self.most :]
         if "phase" in self.names:  # of an encoder, perhaps modulo 2 pi
             at = self.names.index("phase")
-            rows[:, at] = unwrapped(rows[:, at])
+            if span(rows[:, at]) <= 2.0 * np.pi:  # a phase that counts on may jump
+                rows[:, at] = unwrapped(rows[:, at])
         rows = rows[_last_change(self.names, rows) :]
         if len(rows) < self.least:
             return None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from herringbone_sim.recording.importing.units import package
-from herringbone_sim.recording.safe_yaml import read_yaml
+from herringbone_sim.recording.safe_yaml import YamlError, read_yaml
 
 Values = NDArray[Any]
 _Number = (bool, int, float, np.number)
@@ -61,8 +61,12 @@ def _folder(path: Path) -> Path:
     metadata = path.parent / "metadata.yaml"
     if not (path.is_file() and metadata.is_file()):
         return path
-    of_bag = read_yaml(metadata).get("rosbag2_bagfile_information") or {}
-    return path.parent if of_bag.get("relative_file_paths") == [path.name] else path
+    try:
+        of_bag = read_yaml(metadata).get("rosbag2_bagfile_information") or {}
+        names = [Path(name).name for name in of_bag.get("relative_file_paths") or ()]
+    except (YamlError, AttributeError, TypeError):  # the metadata of something else
+        return path
+    return path.parent if names == [path.name] else path
 
 
 def _stamp(message: Any, logged_ns: int) -> int:

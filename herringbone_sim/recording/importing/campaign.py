@@ -110,7 +110,7 @@ def import_campaign(
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """Context manager: a temporary folder, renamed to ``out`` on success and removed otherwise."""
+    """Context manager: a temporary folder, moved to ``out`` on success and removed otherwise."""
     out = out.resolve()
     there = next(folder for folder in out.parents if folder.exists())
     part = there / f".{out.name}.part"
@@ -122,9 +122,12 @@ def _new_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
         yield part
-        out.mkdir(parents=True, exist_ok=True)
-        for entry in part.iterdir():  # the folder stays, as it may be the working one
-            entry.replace(out / entry.name)
+        if not out.exists():
+            out.parent.mkdir(parents=True, exist_ok=True)
+            part.replace(out)
+        else:
+            for entry in list(part.iterdir()):  # the folder stays, as it may be the working one
+                entry.replace(out / entry.name)
     except RecordingError:
         raise
     except OSError as error:

@@ -217,6 +217,6 @@ def _at(times: Array, sample_times: Array, values: Array, same: bool) -> Array:
     between: Array = np.interp(times, sample_times, values)
     steps = np.diff(sample_times)
     after = np.clip(np.searchsorted(sample_times, times), 1, len(steps))
-    hole = (steps[after - 1] > HOLE * np.median(steps)) & (sample_times[after] != times)
+    hole = (steps[after - 1] > HOLE * np.median(steps)) & ~np.isin(times, sample_times)
     between[hole] = np.nan
     return between

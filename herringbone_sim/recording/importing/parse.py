@@ -155,7 +155,7 @@ def _file(folder: Path, entry: Entry, run: str, names: Sequence[str]) -> FileSpe
     channel_specs = tuple(
         _channel(name, column, place, names)
         for many, value in channels.items()
-        for name, column in _expanded(str(many), value, names)
+        for name, column in _expanded(str(many), value, place, names)
     )
     resample = entry.choice("resample", (False, True), False)
     time = _time(entry.take("time"), f"{entry.where}.time", kind)
@@ -178,7 +178,7 @@ def _options(entry: Entry, kind: str) -> Mapping[str, Any]:
     return options
 
 
-def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, Any]]:
+def _expanded(name: str, value: Any, place: str, names: Sequence[str]) -> list[tuple[str, Any]]:
     """Expand a channel name with a star to (name, value) of each channel that it matches.
 
     The star in the column stands for the same text; a name without a star is returned unchanged.
@@ -190,8 +190,8 @@ def _expanded(name: str, value: Any, names: Sequence[str]) -> list[tuple[str, An
         return [(name, value)]
     if "*" not in column:
         raise RecordingError(
-            f"the column of {shown(name)} must have a star, too, got {shown(column)}: each "
-            "channel has a column of its own"
+            f"{place}: the column of {shown(name)} must have a star, too, got {shown(column)}: "
+            "each channel has a column of its own"
         )
     long = len(head) + len(tail)
     candidates = [n for n in names if n.startswith("F_pin") == head.startswith("F_pin")]
