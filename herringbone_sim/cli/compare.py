@@ -17,15 +17,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from herringbone_sim.cli.options import Count, Mesh, Out, flattened
-from herringbone_sim.cli.parameter_options import Changes, print_gear_notes
+from herringbone_sim.cli.parameter_options import Changes, print_gear_notes, unswept
 from herringbone_sim.cli.sweep import WAYS
-from herringbone_sim.cli.sweep_options import (
-    Gear,
-    SweepOptions,
-    observation_from,
-    run_all,
-    unswept,
-)
+from herringbone_sim.cli.sweep_options import Gear, SweepOptions, observation_from, run_all
 from herringbone_sim.core.parameters import meaning, to_mapping
 from herringbone_sim.dynamics.flow import effect_cycles, forcing_cycles
 from herringbone_sim.effects.written import effects_text
@@ -96,7 +90,7 @@ def run(
     """
     axis = axis_from_text(options.over)
     files = {"nominal": nominal, "augmented": augmented}
-    gears = both_gears(files, unswept(options.set, (axis,)))
+    gears = both_gears(files, unswept(options.set, (axis.name,)))
     forcing = {name: forcing_of(name, gear, axis) for name, gear in gears.items()}
     mesh = options.mesh or gears["nominal"][0].layout.meshes[0]
     observation = observation_from(sweep, mesh, max(p for p, _ in forcing.values()))

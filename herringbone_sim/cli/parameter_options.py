@@ -78,6 +78,17 @@ def settings(texts: Sequence[str]) -> dict[str, Any]:
     return dict(_setting(text) for text in texts)
 
 
+def unswept(texts: Sequence[str], varied: Sequence[str]) -> dict[str, Any]:
+    """``settings`` of ``--set``; ParameterError if they name a parameter that is varied."""
+    changes = settings(texts)
+    for name in varied:
+        if name in changes:
+            raise ParameterError(
+                f"--set {name}={changes[name]} has no effect, as {name} is varied: leave one out"
+            )
+    return changes
+
+
 def _setting(text: str) -> tuple[str, Any]:
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not value:

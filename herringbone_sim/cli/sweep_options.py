@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 from herringbone_sim.analysis.periods import MIN_REPEATS
 from herringbone_sim.cli.options import Count, Cycles, Scheduler, flattened, limits
@@ -13,7 +13,7 @@ from herringbone_sim.cli.parameter_options import (
     GearOptions,
     gear_from,
     print_gear_notes,
-    settings,
+    unswept,
 )
 from herringbone_sim.core.parameters import Parameters
 from herringbone_sim.dynamics.flow import forcing_cycles
@@ -60,19 +60,7 @@ def swept_gear(gear: GearOptions, axes: Sequence[Axis]) -> Gear:
         ParameterError: ``--set`` names an axis.
     """
     base, actives = gear_from(gear)
-    return with_sweep_steps(base, unswept(gear.set, axes)), actives
-
-
-def unswept(texts: Sequence[str], axes: Sequence[Axis]) -> dict[str, Any]:
-    """``settings`` of ``--set``; ParameterError if they name an axis, as that would be in vain."""
-    changes = settings(texts)
-    for axis in axes:
-        if axis.name in changes:
-            raise ParameterError(
-                f"--set {axis.name}={changes[axis.name]} has no effect, as {axis.name} is "
-                "varied: leave one out"
-            )
-    return changes
+    return with_sweep_steps(base, unswept(gear.set, [axis.name for axis in axes])), actives
 
 
 def observation_from(options: SweepOptions, mesh: str, forcing: int = 1) -> Observation:

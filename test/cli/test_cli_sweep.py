@@ -150,3 +150,5 @@ def test_a_change_of_what_is_varied_is_refused(
 ) -> None:
     assert main([*verb, "--set", "K=0.3", "--out", str(tmp_path / "out")]) == 2
     assert "--set K=0.3 has no effect, as K is varied" in capsys.readouterr().err
+    assert main([*verb, "--set", "K=abc", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("error: ") == 1
