@@ -59,9 +59,11 @@ class Run(NotebookResult):
     def segments(self) -> list[SegmentResult]:
         """Period, exponent, spectrum and contact of each stretch of constant parameters, in order.
 
+        Contact is that of the gear without effects where one of them is not installed.
+
         Raises:
             AnalysisError: the run has no phase or no displacement, or is too short.
-            ParameterError: no gear can have the recorded parameters, or there is no such effect.
+            ParameterError: no gear can have the recorded parameters.
         """
         numbers = [(change.t_s, numbers_of(change, self._effects)) for change in self.changes]
         return analyze_series(self.samples, numbers, Options(), self._gear)
@@ -72,7 +74,10 @@ class Run(NotebookResult):
 
     @cached_property
     def _gear(self) -> Any:
-        sets = [read_effects(text) for text in self._effects]
+        try:
+            sets = [read_effects(text) for text in self._effects]
+        except ParameterError:  # an effect of the user that is not installed here
+            sets = [()] * len(self._effects)
         gear = gear_of(self.parameters, with_model=False, sets=sets)
         # Sets of effects are numbered at the operating points only where they change.
         base = {name: value for name, value in gear.base.items() if name != EFFECTS}
