@@ -12,6 +12,7 @@ from herringbone_sim.arrays import Array, Indices
 from herringbone_sim.core.integrate import Block
 from herringbone_sim.core.model import Model
 from herringbone_sim.core.packed import TWO_PI
+from herringbone_sim.core.sensitivity import has_tangents
 
 WINDOW = 96  # latest section points, in which a period is looked for
 LEAST = 48  # section points needed for a label
@@ -72,7 +73,7 @@ class RegimeMonitor:
 
         NaN without one, as by Runge-Kutta 4.
         """
-        if model.parameters.method == "rk4" and model.integrator is None:
+        if not has_tangents(model):
             return float("nan")
         if len(self._growth) < 2 or self._growth[-1][0] == self._growth[0][0]:
             return float("nan")

@@ -71,9 +71,14 @@ def need_series(model: Model, what: str) -> None:
     need_tangents(model, what)
 
 
+def has_tangents(model: Model) -> bool:
+    """False for ``method: rk4``, which steps over the kinks of the force."""
+    return model.parameters.method != "rk4" or model.integrator is not None
+
+
 def need_tangents(model: Model, what: str = "tangents") -> None:
-    """Raise ParameterError for ``method: rk4``, which steps over the kinks of the force."""
-    if model.parameters.method == "rk4" and model.integrator is None:
+    """Raise ParameterError for a gear without tangents, see ``has_tangents``."""
+    if not has_tangents(model):
         raise ParameterError(f"{what} need method: taylor, got rk4: change method")
 
 
