@@ -76,7 +76,7 @@ def _within_bounds(
     p = len(b)
     mean, held = np.zeros(p), np.zeros(p, dtype=bool)
     if near is not None:
-        held = np.abs(near) >= bound * (1.0 - 1e-9)
+        held = np.abs(near) >= bound
         mean[held] = np.copysign(bound, near)[held]
     precision = 1.0 / sd**2
     fewest, patience = p + 1, 3
