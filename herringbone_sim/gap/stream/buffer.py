@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from herringbone_sim.arrays import Array
 from herringbone_sim.core.timeseries import TimeSeries, check_unique
 from herringbone_sim.errors import RecordingError, listed
-from herringbone_sim.recording.importing.turns import span, unwrapped
+from herringbone_sim.gap.data.breaks import unwrap_phase
 from herringbone_sim.recording.messages import MOST_S
 
 MOST, LEAST = 2048, 64  # samples of a stretch
@@ -82,15 +82,13 @@ class SampleBuffer:
         if not self._blocks:
             return None
         rows = np.vstack(self._blocks)[-self.most :]
-        if "phase" in self.names:  # of an encoder, perhaps modulo 2 pi
-            at = self.names.index("phase")
-            if span(rows[:, at]) <= 2.0 * np.pi:  # a phase that counts on may jump
-                rows[:, at] = unwrapped(rows[:, at])
-        rows = rows[_last_change(self.names, rows) :]
-        if len(rows) < self.least:
+        times = rows[:, self.names.index("t")]
+        rows = unwrap_phase("the rig", TimeSeries(times, rows, self.names))[0].data
+        first = _last_change(self.names, rows)
+        if len(rows) - first < self.least:
             return None
         self._blocks.clear()
-        return TimeSeries(rows[:, self.names.index("t")].copy(), rows, self.names)
+        return TimeSeries(times[first:].copy(), rows[first:], self.names)
 
     def _after_breaks(self, times: Array) -> int:
         """Return the index of the first sample after the last gap or step back in the times (n,).
