@@ -1,4 +1,4 @@
-"""Score hypotheses by leave-one-run-out prediction, in a linear screen or by Gauss-Newton fits."""
+"""Score hypotheses by leave-one-run-out prediction, in a linear screen or by exact fits."""
 
 from __future__ import annotations
 
@@ -33,12 +33,15 @@ from herringbone_sim.diagnosis.score import (
     trust_region,
 )
 
-# Settings of Gauss-Newton and of the search, chosen, not fitted:
+# Settings of the fits and of the search, chosen, not fitted:
 MAX_ROUNDS = 20
 # Chi2 per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
 MIN_GAIN_PER_VALUE = 0.02
 RELATIVE_TOLERANCE = 1e-4  # relative change of the chi2 at which a fit has converged
-MAX_STEP_CUTS = 4  # successive step reductions by 0.3, together to 0.8 %
+# Damping of Levenberg and Marquardt, relative to the diagonal: after a refused step at least
+# FIRST_DAMPING, then DAMPING_FACTOR times more; so much less after an accepted one.
+FIRST_DAMPING, DAMPING_FACTOR = 1.0, 10.0
+MAX_STEP_CUTS = 4  # successive refused steps
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
@@ -127,7 +130,7 @@ class Search:
     def refined(
         self, coefficients: Sequence[Coefficient], start: Array, rounds: int = MAX_ROUNDS
     ) -> Score:
-        """Fit a hypothesis by Gauss-Newton, then score it about the solution.
+        """Fit a hypothesis by Levenberg-Marquardt, then score it about the solution.
 
         It ends where a step gains no more, or promises less (without the prior) than the mean chi2
         of a value: then it is less than a standard deviation.
@@ -142,7 +145,10 @@ class Search:
         with_base, by_density = (*self.base, *coefficients), self.machine.estimates_states
         wanted = functions_used(with_base)
         mean, least = start.copy(), np.inf
-        step = np.zeros_like(mean)
+        sd = np.array([c.sd for c in with_base])
+        lowest = np.array([c.center - c.bound for c in with_base])
+        highest = np.array([c.center + c.bound for c in with_base])
+        whole, newton, damping = np.diag(sd**-2.0), np.zeros_like(mean), 0.0
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
         reach = trust_region(with_base)
@@ -159,8 +165,9 @@ class Search:
                 by_chance = max(RELATIVE_TOLERANCE * least, CHANCE_CHI2)
                 if min(now - least, promised) < by_chance or refused == MAX_STEP_CUTS:
                     break
-                step = 0.3 * step
-                mean = best[0] + step
+                damping = max(FIRST_DAMPING, DAMPING_FACTOR * damping)
+                step = _damped(whole, damping, newton)
+                mean = np.clip(best[0] + within(step, reach), lowest, highest)
                 continue
             settled = least - now < max(RELATIVE_TOLERANCE * now, CHANCE_CHI2)
             refused = 0
@@ -170,13 +177,15 @@ class Search:
             target = compute_score(campaign, coefficients, mean, sizes, by_density)
             if number and self._cannot_improve(target, coefficients):
                 break
-            sizes, step = (target.prior_scale,), target.mean - mean
-            normal = campaign.normal_equations(coefficients)
-            promised = float(chi2_reduction(*normal, step).sum())
+            sizes, newton = (target.prior_scale,), target.mean - mean
+            A, b = campaign.normal_equations(coefficients)
+            promised = float(chi2_reduction(A, b, newton).sum())
             if promised < now / sum(campaign.counts.values()):
                 break
-            step = within(step, reach)
-            mean = mean + step
+            whole = A.sum(axis=0) + np.diag(sd**-2.0)
+            damping = damping / DAMPING_FACTOR if damping > FIRST_DAMPING / DAMPING_FACTOR else 0.0
+            step = _damped(whole, damping, newton)
+            mean = np.clip(mean + within(step, reach), lowest, highest)
         assert best is not None
         mean, campaign = best
         score = compute_score(campaign, coefficients, mean, by_density=by_density)
@@ -290,6 +299,21 @@ class Search:
         start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
         by_density = self.machine.estimates_states
         return compute_score(self.campaign, coefficients, start, (size,), by_density)
+
+
+def _damped(A: Array, damping: float, step: Array) -> Array:
+    """Step (p,) of Gauss-Newton, shortened as by Levenberg and Marquardt where A is flat.
+
+    Args:
+        A: (p, p) matrix of the normal equations, with the prior.
+        damping: factor on its diagonal that is added to it; 0: the step as it is.
+    """
+    if not damping:
+        return step
+    scale = 1.0 / np.sqrt(np.diag(A))
+    scaled = A * np.outer(scale, scale)
+    damped = scaled + damping * np.eye(len(A))
+    return np.asarray(scale * np.linalg.solve(damped, scaled @ (step / scale)))
 
 
 def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:

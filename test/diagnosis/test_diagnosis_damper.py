@@ -19,7 +19,7 @@ from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.refits import better_fits
-from herringbone_sim.diagnosis.search import Search
+from herringbone_sim.diagnosis.search import Search, _damped
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
@@ -314,8 +314,11 @@ def test_a_fit_ends_once_a_step_promises_less_than_the_noise_of_a_value(
     np.testing.assert_array_equal(evaluated[-1], null.mean)
 
 
-def test_a_step_that_diverges_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if the first step led out of the range in which the motion is bounded."""
+def test_a_step_that_diverges_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the first step led out of the range in which the motion is bounded.
+
+    A damping of 1 on the diagonal halves the step where coefficients do not depend on each other.
+    """
     evaluated, right = [], Search(Damper(simulate("none", SEED))).null
     about = Search.about
 
@@ -328,8 +331,17 @@ def test_a_step_that_diverges_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Search, "about", astray)
     null = Search(Damper(simulate("none", SEED))).null
-    np.testing.assert_allclose(evaluated[2], 0.3 * evaluated[1])
+    np.testing.assert_allclose(evaluated[2], 0.5 * evaluated[1], rtol=0.2)
     assert null.in_sample == pytest.approx(right.in_sample, rel=1e-3)
+
+
+def test_damping_shortens_a_step_most_along_a_narrow_valley() -> None:
+    """Of a matrix with eigenvalues 1.99 and 0.01 along (1, 1) and (1, -1), in any units."""
+    units = np.array([1.0, 1e-6])
+    A = np.array([[1.0, 0.99], [0.99, 1.0]]) / np.outer(units, units)
+    for along, value in ((1.0, 1.99), (-1.0, 0.01)):
+        step = np.array([1.0, along]) * units
+        np.testing.assert_allclose(_damped(A, 0.1, step), value / (value + 0.1) * step)
 
 
 def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:

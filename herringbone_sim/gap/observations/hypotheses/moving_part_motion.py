@@ -2,6 +2,10 @@
 
 Mesh displacements x are recorded as if the part were rigid. Its displacement q is not recorded and
 reduces them to x - q cos beta, so the mesh forces in its equation of motion depend on q.
+
+A seat in thick oil damps faster than the part oscillates, so the equation is stiff. It is solved
+by Rodas3 (Sandu et al., Atmospheric Environment 31, 3459, 1997), a Rosenbrock method of order 3
+that stays stable at any step.
 """
 
 from __future__ import annotations
@@ -15,8 +19,9 @@ from numba import njit
 
 from herringbone_sim.arrays import Array
 
-MAX_STEP_RAD = 1.25  # phase of the fastest oscillation per step; stability limit 2.8; chosen
-MAX_SUBSTEPS = 40  # largest number of steps per sample, chosen for run time
+STEP_ERROR = 0.01  # largest estimated error of a step, relative to the noise of x; measured: the
+# displacement is then within a tenth of the noise, with 1.4 steps a sample in the mean
+MAX_STEPS = 64  # largest number of steps per sample, a power of 2, chosen for run time
 MAX_EXPONENT = 300.0  # neither e^300 nor its reciprocal leaves the range of numbers
 DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
 
@@ -59,7 +64,6 @@ class SeatSpring(NamedTuple):
         growth: relative increase of the stiffness with the squared deflection [1/m^2].
         drag: relative increase of the damping with the rate [s/m].
         film: damping inside the play over that at its ends.
-        farthest, fastest: deflection [m] and rate [m/s] for which the time step is chosen.
     """
 
     mass: float
@@ -71,62 +75,96 @@ class SeatSpring(NamedTuple):
     growth: float = 0.0
     drag: float = 0.0
     film: float = 1.0
-    farthest: float = 0.0
-    fastest: float = 0.0
 
 
 def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -> Array:
     """Displacement [m] and rate [m/s] (L, n, 2) of a part on each of L seats.
 
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H and
-    mass M_u of the carrying body, by Runge-Kutta 4, starting at rest in the equilibrium of the
-    first sample. All seats use the time step that the stiffest needs. A motion beyond
-    ``DIVERGED_M`` is reset to zero.
+    mass M_u of the carrying body, starting at rest in the equilibrium of the first sample. There
+    are so many steps per sample, a power of 2, that none makes an error above ``STEP_ERROR`` of
+    the largest noise of x. A motion beyond ``DIVERGED_M`` is reset to zero.
     """
-    k = float(np.max(meshes.k.sum(axis=1)))
-    parts = max(_steps_per_sample(spring, k, cos_beta, meshes.step) for spring in springs)
+    none = np.empty((0, len(SeatSpring._fields)))
+    return np.concatenate([_integrated(meshes, spring, none, cos_beta) for spring in springs])
+
+
+def motion_with_slopes(
+    meshes: MeshLoads, spring: SeatSpring, changes: Sequence[SeatSpring], cos_beta: float
+) -> Array:
+    """Motion as of ``motions`` on one seat, and its derivatives (1 + T, n, 2) along T changes.
+
+    Args:
+        changes: change of each property of the seat per unit of a parameter; those of the masses
+            do not count.
+    """
+    return _integrated(meshes, spring, np.array(changes), cos_beta)
+
+
+def _integrated(meshes: MeshLoads, spring: SeatSpring, changes: Array, cos_beta: float) -> Array:
+    """Motion and derivatives (1 + T, n, 2) along ``changes`` (T, fields of ``SeatSpring``)."""
     own = [np.ascontiguousarray(a) for a in meshes[:-1]]
-    return np.asarray(
-        _integrate(MeshLoads._make([*own, meshes.step]), np.array(springs), cos_beta, parts)
-    )
-
-
-def _steps_per_sample(spring: SeatSpring, k: float, cos_beta: float, step_s: float) -> int:
-    """Time steps per sample for a seat loaded by meshes of total stiffness k [N/m]."""
-    stiff = spring.stiffness * (1.0 + 3.0 * spring.growth * spring.farthest**2) + cos_beta**2 * k
-    damping = spring.damping * max(1.0, spring.film)
-    damping *= 1.0 + 2.0 * spring.drag * spring.fastest
-    quickest = max(math.sqrt(stiff / spring.mass), damping / spring.mass)
-    return min(MAX_SUBSTEPS, max(1, math.ceil(step_s * quickest / MAX_STEP_RAD)))
+    tolerance = STEP_ERROR * float(meshes.noise.max()) / cos_beta
+    loads = MeshLoads._make([*own, meshes.step])
+    return np.asarray(_integrate(loads, np.array(spring), changes, cos_beta, tolerance))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _rounding(z):  # type: ignore[no-untyped-def]
-    """Expectation of max(g, 0) for Gaussian g of mean z and deviation 1, minus max(z, 0)."""
-    a = abs(z)
+def _half_contact(over, noise):  # type: ignore[no-untyped-def]
+    """Expectation [m] of max(g, 0), g Gaussian of mean ``over`` and sd ``noise``, and its slope.
+
+    The noise of x matters near the ends of the backlash alone: beyond 6 sd it is left out.
+    """
+    if over > 6.0 * noise:
+        return over, 1.0
+    if over < -6.0 * noise:
+        return 0.0, 0.0
+    z = over / noise
     bell = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    return bell - 0.5 * a * math.erfc(a / math.sqrt(2.0))
+    slope = 0.5 * math.erfc(-z / math.sqrt(2.0))
+    return noise * bell + over * slope, slope
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _seat_force(p, q, rate):  # type: ignore[no-untyped-def]
-    """Force [N] that resists displacement q [m] and rate [m/s]; p: fields of ``SeatSpring``."""
+def _seat_force(p, q, rate, by_p):  # type: ignore[no-untyped-def]
+    """Force [N] that resists displacement q [m] and rate [m/s], and its slopes by q and by rate.
+
+    p: fields of ``SeatSpring``; by_p: filled in with the slopes by these, unless it is empty.
+    """
     stiffness, damping, play, width, growth, drag, film = p[2], p[3], p[4], p[5], p[6], p[7], p[8]
     if width * MAX_EXPONENT > max(play, abs(q)):
         # width [ln(1 + e^a) - ln(1 + e^b)], a and b = (+-q - play) / width
         e, out = math.exp(q / width), math.exp(-play / width)
         g = width * math.log((1.0 + out * e) / (1.0 + out / e))
-        held = out * e / (1.0 + out * e) + out / e / (1.0 + out / e)
+        right, left = out * e / (1.0 + out * e), out / e / (1.0 + out / e)
+        right_slope, left_slope = right * (1.0 - right) / width, left * (1.0 - left) / width
+        g_by_width = (g - right * (q - play) - left * (q + play)) / width
+        held_by_width = (left_slope * (q + play) - right_slope * (q - play)) / width
     else:
         g = max(q - play, 0.0) - max(-q - play, 0.0)
-        held = 1.0 if g != 0.0 else 0.0
-    spring = stiffness * g * (1.0 + growth * g * g)
-    return spring + damping * rate * (1.0 + drag * abs(rate)) * (film + (1.0 - film) * held)
+        right, left = 1.0 if q > play else 0.0, 1.0 if -q > play else 0.0
+        right_slope, left_slope, g_by_width, held_by_width = 0.0, 0.0, 0.0, 0.0
+    held = right + left
+    hardened, dragged = growth * g * g, drag * abs(rate)
+    oil = film + (1.0 - film) * held
+    resisted = damping * rate * (1.0 + dragged)  # by the damper, where film is 1
+    by_g, by_held = stiffness * (1.0 + 3.0 * hardened), resisted * (1.0 - film)
+    if by_p.size:
+        by_p[2] = g * (1.0 + hardened)
+        by_p[3] = rate * (1.0 + dragged) * oil
+        by_p[4] = by_g * (left - right) - by_held * (right_slope + left_slope)
+        by_p[5] = by_g * g_by_width + by_held * held_by_width
+        by_p[6] = stiffness * g * g * g
+        by_p[7] = damping * rate * abs(rate) * oil
+        by_p[8] = resisted * (1.0 - held)
+    force = stiffness * g * (1.0 + hardened) + resisted * oil
+    by_q = by_g * held + by_held * (right_slope - left_slope)
+    return force, by_q, damping * (1.0 + 2.0 * dragged) * oil
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _acceleration(springs, loads, p, cos_beta, s, q, rate):  # type: ignore[no-untyped-def]
-    """Acceleration [m/s^2] of a part on a seat at displacement q [m] and ``rate`` [m/s].
+def _acceleration(springs, loads, p, cos_beta, s, y, by_p):  # type: ignore[no-untyped-def]
+    """Acceleration [m/s^2] of a part on a seat, and its slopes by q, by rate and by s.
 
     Args:
         springs: (j, 7) of each mesh x, its increment to the next sample, k, its increment, both
@@ -135,21 +173,84 @@ def _acceleration(springs, loads, p, cos_beta, s, q, rate):  # type: ignore[no-u
             increment to the next sample, sum of c, ``MeshLoads.rest`` and its increment.
         p: fields of ``SeatSpring``.
         s: time since the sample, as a fraction of the step to the next.
+        y: (2,) displacement [m] and rate [m/s].
+        by_p: (fields of p or 0,) filled in with the slopes by p; those by the masses stay.
     """
-    pushed = loads[0] + s * loads[1] - cos_beta * loads[2] * rate
+    q, rate = y[0], y[1]
+    pushed, by_s, stiffness = loads[0] + s * loads[1] - cos_beta * loads[2] * rate, loads[1], 0.0
     for j in range(springs.shape[0]):
         y = springs[j, 0] + s * springs[j, 1] - cos_beta * q
-        above, below = y - springs[j, 4], -y - springs[j, 5]
-        f = max(above, 0.0) - max(below, 0.0)
-        # Expectation over the noise of x, which matters near the ends of the backlash alone.
-        noise = springs[j, 6]
-        if abs(above) < 6.0 * noise:
-            f += noise * _rounding(above / noise)
-        if abs(below) < 6.0 * noise:
-            f -= noise * _rounding(below / noise)
-        pushed += (springs[j, 2] + s * springs[j, 3]) * f
-    hold = _seat_force(p, q, rate)
-    return (cos_beta * pushed - hold) / p[0] - (loads[3] + s * loads[4] + hold) / p[1]
+        front, front_slope = _half_contact(y - springs[j, 4], springs[j, 6])
+        back, back_slope = _half_contact(-y - springs[j, 5], springs[j, 6])
+        k = springs[j, 2] + s * springs[j, 3]
+        pushed += k * (front - back)
+        stiffness += k * (front_slope + back_slope)
+        by_s += springs[j, 3] * (front - back) + k * (front_slope + back_slope) * springs[j, 1]
+    held, held_by_q, held_by_rate = _seat_force(p, q, rate, by_p)
+    lightness = 1.0 / p[0] + 1.0 / p[1]
+    for i in range(2, by_p.size):
+        by_p[i] *= -lightness
+    return (
+        cos_beta * pushed / p[0] - (loads[3] + s * loads[4]) / p[1] - held * lightness,
+        -cos_beta * cos_beta * stiffness / p[0] - held_by_q * lightness,
+        -cos_beta * cos_beta * loads[2] / p[0] - held_by_rate * lightness,
+        cos_beta * by_s / p[0] - loads[4] / p[1],
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _stepped(springs, loads, p, dp, cos_beta, s, ds, h, y, stages, by_p):  # type: ignore[no-untyped-def]
+    """Take a step of Rodas3 in place, and return the estimated error [m] of the displacement.
+
+    Tangents see the Jacobian of each stage. That the Jacobian of the step, too, changes with the
+    motion is left out: it matters at the ends of the backlash (measured: 2 to 6 % of a slope).
+
+    Args:
+        springs, loads, p, cos_beta, s, by_p: as of ``_acceleration``.
+        dp: (T, fields of p) changes of p that the tangents belong to.
+        ds, h: the step, as a fraction of that of the samples and in seconds.
+        y: (1 + T, 2) displacement and rate, of the motion and of each tangent.
+        stages: (4, 1 + T, 2) work.
+    """
+    i = 2.0 / h
+    over, by_q, by_rate, by_t = 0.0, 0.0, 0.0, 0.0
+    for stage in range(4):
+        if stage != 1:  # the second stage is at the motion of the first
+            at = s if stage == 0 else s + ds
+            a, stage_by_q, stage_by_rate, by_s = _acceleration(
+                springs, loads, p, cos_beta, at, y[0], by_p
+            )
+        if stage == 0:
+            by_q, by_rate, by_t = stage_by_q, stage_by_rate, by_s * ds / h
+            over = i * (i - by_rate) - by_q
+        for number in range(y.shape[0]):
+            u, w = stages[:, number, 0], stages[:, number, 1]
+            e, f = y[number, 1], a
+            if number:
+                f = stage_by_q * y[number, 0] + stage_by_rate * y[number, 1]
+                for field in range(2, by_p.size):
+                    f += by_p[field] * dp[number - 1, field]
+            if stage == 1:
+                e += 4.0 * u[0] / h
+                f += 4.0 * w[0] / h
+            elif stage:
+                e += (u[0] - u[1]) / h
+                f += (w[0] - w[1]) / h
+            if stage == 3:
+                e -= 8.0 / 3.0 * u[2] / h
+                f -= 8.0 / 3.0 * w[2] / h
+            if stage < 2 and not number:
+                f += (0.5 if stage == 0 else 1.5) * h * by_t
+            # (i - [[0, 1], [by_q, by_rate]]) (u, w) = (e, f)
+            u[stage] = ((i - by_rate) * e + f) / over
+            w[stage] = (by_q * e + i * f) / over
+        # the motion of the next stage: 2 k_1, then k_3, at last k_4 more
+        if stage:
+            for number in range(y.shape[0]):
+                taken, share = (0, 2.0) if stage == 1 else (stage, 1.0)
+                y[number, 0] += share * stages[taken, number, 0]
+                y[number, 1] += share * stages[taken, number, 1]
+    return abs(stages[3, 0, 0])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -173,44 +274,49 @@ def _begin_step(m, at, springs, loads):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _integrate(m, p, cos_beta, parts):  # type: ignore[no-untyped-def]
-    """Displacement and rate (L, n, 2) on seats p (L, fields of ``SeatSpring``), see ``motions``.
+def _integrate(m, p, dp, cos_beta, tolerance):  # type: ignore[no-untyped-def]
+    """Motion and its derivatives (1 + T, n, 2), see ``motion_with_slopes``.
 
     Args:
-        parts: time steps per sample.
+        p: fields of ``SeatSpring``.
+        dp: (T, fields) changes of p.
+        tolerance: largest estimated error [m] of a step.
     """
-    n, L = m.x.shape[0], p.shape[0]
-    motion = np.empty((L, n, 2))
+    n, T = m.x.shape[0], dp.shape[0]
+    motion = np.zeros((1 + T, n, 2))
     springs, loads = np.empty((m.x.shape[1], 7)), np.empty(5)
+    y, stages = np.zeros((1 + T, 2)), np.empty((4, 1 + T, 2))
+    by_p = np.zeros(p.size if T else 0)
     # Equilibrium at the first sample by bisection: acceleration decreases with q.
     _begin_step(m, 0, springs, loads)
-    for i in range(L):
-        low, high = -1e-3, 1e-3
-        for _ in range(60):
-            q = 0.5 * (low + high)
-            if _acceleration(springs, loads, p[i], cos_beta, 0.0, q, 0.0) > 0.0:
-                low = q
-            else:
-                high = q
-        motion[i, 0] = 0.5 * (low + high), 0.0
-    h = m.step / parts
+    low, high = -1e-3, 1e-3
+    for _ in range(60):
+        y[0, 0] = 0.5 * (low + high)
+        a, by_q, _, _ = _acceleration(springs, loads, p, cos_beta, 0.0, y[0], by_p)
+        if a > 0.0:
+            low = y[0, 0]
+        else:
+            high = y[0, 0]
+    motion[0, 0, 0] = 0.5 * (low + high)
+    for number in range(T):
+        for field in range(2, p.size):
+            motion[1 + number, 0, 0] -= by_p[field] * dp[number, field] / by_q
+    steps = 1
     for at in range(n - 1):
         _begin_step(m, at, springs, loads)
-        for i in range(L):
-            seat = p[i]
-            q, rate = motion[i, at]
-            for part in range(parts):
-                s, middle, end = part / parts, (part + 0.5) / parts, (part + 1.0) / parts
-                a1 = _acceleration(springs, loads, seat, cos_beta, s, q, rate)
-                q2, r2 = q + 0.5 * h * rate, rate + 0.5 * h * a1
-                a2 = _acceleration(springs, loads, seat, cos_beta, middle, q2, r2)
-                q3, r3 = q + 0.5 * h * r2, rate + 0.5 * h * a2
-                a3 = _acceleration(springs, loads, seat, cos_beta, middle, q3, r3)
-                q4, r4 = q + h * r3, rate + h * a3
-                a4 = _acceleration(springs, loads, seat, cos_beta, end, q4, r4)
-                q += h * (rate + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-                rate += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-            if not abs(q) < DIVERGED_M:  # reset a diverged trial
-                q, rate = 0.0, 0.0
-            motion[i, at + 1] = q, rate
+        while True:
+            worst, ds = 0.0, 1.0 / steps
+            y[:] = motion[:, at]
+            for number in range(steps):
+                s, h = number * ds, m.step * ds
+                error = _stepped(springs, loads, p, dp, cos_beta, s, ds, h, y, stages, by_p)
+                worst = max(worst, error)
+            if worst <= tolerance or steps == MAX_STEPS:
+                break
+            steps *= 2
+        if not abs(y[0, 0]) < DIVERGED_M:  # reset a diverged trial
+            y[:] = 0.0
+        motion[:, at + 1] = y
+        if worst < tolerance / 16.0 and steps > 1:  # half as many err some 8 times as much
+            steps //= 2
     return motion

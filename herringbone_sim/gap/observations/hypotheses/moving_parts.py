@@ -25,6 +25,7 @@ from herringbone_sim.gap.observations.hypotheses.coefficients import Coefficient
 from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
     MeshLoads,
     SeatSpring,
+    motion_with_slopes,
     motions,
 )
 from herringbone_sim.gap.residuals.mesh_law import (
@@ -149,14 +150,17 @@ class MovingPart:
             of each parameter under ``LABEL NAME``.
         """
         drive = PartDrive(model, self.locus, self.effect, m, change)
-        names = self.names if slopes else ()
-        tried = [offsets, *(offsets + DIFFERENCE_STEP * np.eye(len(offsets))[: len(names)])]
-        now, *moved = drive.motions([self.with_log_offsets(trial) for trial in tried])
-        by_function = {label: now}
-        for name, q in zip(names, moved, strict=True):
-            by_function[f"{label} {name}"] = (q - now) / DIFFERENCE_STEP
+        names, now = [label], self.with_log_offsets(offsets)
+        if slopes:
+            names += [f"{label} {name}" for name in self.names]
+            motions = drive.motion_with_slopes(now)
+        else:
+            motions = drive.motions([now])
         reach = -model.scales.cos_beta * drive.meshes_mask
-        return {name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach) for name, q in by_function.items()}
+        return {
+            name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach)
+            for name, q in zip(names, motions, strict=True)
+        }
 
 
 def _displacement(name: str) -> Function:
@@ -239,6 +243,22 @@ class PartDrive:
         springs, cos_beta = [self._spring(part) for part in parts], self._model.scales.cos_beta
         return np.stack([motions(loads, springs, cos_beta) for loads in self._meshes], axis=2)
 
+    def motion_with_slopes(self, part: MovingPart) -> Array:
+        """Motion as of ``motions`` (1 + p, n, k, 2), and by the logarithm of each parameter."""
+        spring, cos_beta = self._spring(part), self._model.scales.cos_beta
+        moved = [
+            self._spring(part.with_log_offsets(offsets))
+            for offsets in DIFFERENCE_STEP * np.eye(len(part.names))
+        ]
+        changes = [
+            SeatSpring(0.0, 0.0, *(np.array(other[2:]) - spring[2:]) / DIFFERENCE_STEP)
+            for other in moved
+        ]
+        return np.stack(
+            [motion_with_slopes(loads, spring, changes, cos_beta) for loads in self._meshes],
+            axis=2,
+        )
+
     def _spring(self, part: MovingPart) -> SeatSpring:
         """Convert a part to SI units; add the masses of the part and of the body that carries it.
 
@@ -258,8 +278,6 @@ class PartDrive:
             theta["growth"] / deflection**2,
             theta.get("drag", 0.0) / (deflection * s.omega_n),
             theta.get("film", 1.0),
-            deflection,
-            2.0 * deflection * s.omega_n,
         )
 
 
