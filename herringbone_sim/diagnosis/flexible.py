@@ -26,6 +26,7 @@ MAX_HARMONIC = 4  # of an angle; of the fastest angle for waves of every order
 RIDGES = (1e1, 1e3)  # penalties of the regressions on all features, for features of unit RMS
 SPARSE_SIZES = (10, 40)  # features of the sparse regressions
 ROUNDS = 8  # in each of which waves are added, as many as the least of ``SPARSE_SIZES``
+PATIENCE = 2  # rounds without a smaller error after which no more are tried
 MAX_SAMPLES = 30 * N_FEATURES  # of a row
 
 
@@ -169,7 +170,7 @@ def predict_residuals(
         off = _cross_predict(P, y, fold, of_run)
         if halves:
             by_turns = _cross_predict_by_turns(halves, factors, y)
-            off = min(off, *by_turns, key=lambda error: float(error @ error))
+            off = min(off, by_turns, key=lambda error: float(error @ error))
         chi2[:, row] = np.bincount(of_run, y**2, runs)
         left[:, row] = np.bincount(of_run, off**2, runs) * (chi2[:, row] > 0.0)
 
@@ -197,32 +198,39 @@ def _waves_of_turns(angles: Array) -> Array:
 def _cross_predict_by_turns(
     halves: Sequence[Sequence[tuple[Indices, Array]]], factors: Array, y: Array
 ) -> Array:
-    """(ROUNDS, n) errors of y predicted across the halves of each run by waves times factors.
+    """(n,) error of y predicted across the halves of each run by waves times factors.
 
     Each round adds the ``SPARSE_SIZES[0]`` products that correlate most with what the others leave
-    (orthogonal matching pursuit, Pati et al. 1993).
+    (orthogonal matching pursuit, Pati et al. 1993), in all halves. The least error of a round.
 
     Args:
         halves: the two of each run: samples, and waves of them as from ``_waves_of_turns``.
         factors: (n, M) those of the features.
         y: (n,) as in ``_cross_predict``.
     """
-    off = np.tile(y, (ROUNDS, 1))
     factors = factors.T.astype(np.float32)
-    for first, second in halves:
-        for (at, w), (others, v) in ((first, second), (second, first)):
+    ways = [way for pair in halves for way in (pair, pair[::-1])]
+    left = [y[others] for _, (others, _) in ways]
+    used = [np.zeros(0, dtype=int)] * len(ways)
+    least, best, since = np.inf, y, 0
+    for _ in range(ROUNDS):
+        off = y.copy()
+        for i, ((at, w), (others, v)) in enumerate(ways):
             f = factors[:, others]
             size = np.linalg.norm(f, axis=1)[:, None].clip(1e-12)  # mean square of a wave: 1/2
-            left, used = y[others], np.zeros(0, dtype=int)
-            for error in off:
-                fit = (f * left.astype(f.dtype)) @ v.T / size
-                used = np.union1d(used, _largest(np.abs(fit.ravel()), SPARSE_SIZES[0]))
-                factor, wave = np.unravel_index(used, fit.shape)
-                P = v[wave] * f[factor]
-                weights = np.linalg.solve(P @ P.T + np.eye(len(P)), P @ y[others])
-                left = y[others] - weights @ P
-                error[at] -= weights @ (w[wave] * factors[np.ix_(factor, at)])
-    return off
+            fit = (f * left[i].astype(f.dtype)) @ v.T / size
+            used[i] = np.union1d(used[i], _largest(np.abs(fit.ravel()), SPARSE_SIZES[0]))
+            factor, wave = np.unravel_index(used[i], fit.shape)
+            P = v[wave] * f[factor]
+            weights = np.linalg.solve(P @ P.T + np.eye(len(P)), P @ y[others])
+            left[i] = y[others] - weights @ P
+            off[at] -= weights @ (w[wave] * factors[np.ix_(factor, at)])
+        squares, since = float(off @ off), since + 1
+        if squares < least:
+            least, best, since = squares, off, 0
+        if since == PATIENCE:
+            break
+    return best
 
 
 def _thinned(n: int, thin: int) -> Indices:

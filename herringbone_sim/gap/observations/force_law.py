@@ -223,7 +223,8 @@ def block(
     shared, shared_sd = encoder_nuisances(model, names)
     shared = shared * known[None, :, None]
     if m.encoder_errors is not None:
-        residual = residual + np.einsum("nrq,trq,t->nr", columns, shared, m.encoder_errors)
+        of_rows = np.tensordot(m.encoder_errors, shared, 1)
+        residual = residual + np.einsum("nrq,rq->nr", columns, of_rows)
     return Block(
         NAME,
         residual,

@@ -8,11 +8,10 @@ nominal gear on a few windows, if most of the residual goes with it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from herringbone_sim.diagnosis.parallel import forked_map
 from herringbone_sim.diagnosis.search import Search
@@ -34,6 +33,7 @@ STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the
 N_STRETCHES = 2
 N_WINDOWS = 6  # windows of each run where states are estimated, chosen for run time
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
+MAX_TRIALS = 6  # of delays, chosen for run time; 4 suffice where chi2 is a parabola
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -66,21 +66,38 @@ def remove_common_delay(
         )
         return Search(GearMachine(gear))
 
-    def chi2_per_value(delay: float) -> float:
-        """Chi2 per value of the gear with fitted tolerances at a delay [s]."""
-        score = null(delay).null
-        return score.in_sample / score.count
-
     search = null(0.0)
-    optimum = minimize_scalar(
-        chi2_per_value, bounds=(0.0, longest_delay(runs[0])), options={"xatol": DELAY_TOLERANCE_S}
+    delay, chi2 = _least(
+        lambda delay: null(delay).null.in_sample, search.null.in_sample, longest_delay(runs[0])
     )
     search = search.onwards(search.machine)
     shifts = [h for h in search.machine.hypotheses() if h.effect in TIME_SHIFT_EFFECTS]
     shift_chi2 = min((search.quick(h.coefficients) for h in shifts), default=0.0)
-    if optimum.fun * search.null.count < search.null.in_sample + min(shift_chi2, 0.0):
-        return tuple(with_delayed_waves(run, float(optimum.x)) for run in runs)
+    if chi2 < search.null.in_sample + min(shift_chi2, 0.0):
+        return tuple(with_delayed_waves(run, delay) for run in runs)
     return tuple(runs)
+
+
+def _least(chi2: Callable[[float], float], at_zero: float, longest: float) -> tuple[float, float]:
+    """Delay [s] from 0 to ``longest`` of least chi2, by parabolas, and that chi2.
+
+    Args:
+        chi2: at a delay; close to a parabola, as delays are short against the mesh period.
+        at_zero: chi2 without delay.
+    """
+    tried = {0.0: at_zero, longest: chi2(longest), 0.5 * longest: chi2(0.5 * longest)}
+    while len(tried) < 2 + MAX_TRIALS:
+        best = min(tried, key=lambda delay: tried[delay])
+        near = sorted(tried, key=lambda delay: abs(delay - best))[:3]
+        bend, slope, _ = np.polyfit(np.divide(near, longest), [tried[d] for d in near], 2)
+        if not bend > 0.0:
+            break
+        vertex = float(np.clip(-0.5 * slope / bend, 0.0, 1.0)) * longest
+        if min(abs(vertex - delay) for delay in tried) < DELAY_TOLERANCE_S:
+            break
+        tried[vertex] = chi2(vertex)
+    best = min(tried, key=lambda delay: tried[delay])
+    return best, tried[best]
 
 
 def _showing_delay(runs: Sequence[PreparedRun], n_fastest: int) -> list[PreparedRun]:
