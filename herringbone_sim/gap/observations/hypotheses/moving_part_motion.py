@@ -21,6 +21,7 @@ from herringbone_sim.arrays import Array
 
 STEP_ERROR = 0.01  # largest estimated error of a step, relative to the noise of x; measured: the
 # displacement is then within a tenth of the noise, with 1.4 steps a sample in the mean
+LEAST_NOISE = 1e-3  # relative to the RMS of x: 60 dB; steps need not be finer for less noise
 MAX_STEPS = 64  # largest number of steps per sample, a power of 2, chosen for run time
 MAX_EXPONENT = 300.0  # neither e^300 nor its reciprocal leaves the range of numbers
 DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
@@ -83,7 +84,7 @@ def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H and
     mass M_u of the carrying body, starting at rest in the equilibrium of the first sample. There
     are so many steps per sample, a power of 2, that none makes an error above ``STEP_ERROR`` of
-    the largest noise of x. A motion beyond ``DIVERGED_M`` is reset to zero.
+    the largest noise of x, or of ``LEAST_NOISE``. A motion beyond ``DIVERGED_M`` is reset to zero.
     """
     none = np.empty((0, len(SeatSpring._fields)))
     return np.concatenate([_integrated(meshes, spring, none, cos_beta) for spring in springs])
@@ -104,7 +105,8 @@ def motion_with_slopes(
 def _integrated(meshes: MeshLoads, spring: SeatSpring, changes: Array, cos_beta: float) -> Array:
     """Motion and derivatives (1 + T, n, 2) along ``changes`` (T, fields of ``SeatSpring``)."""
     own = [np.ascontiguousarray(a) for a in meshes[:-1]]
-    tolerance = STEP_ERROR * float(meshes.noise.max()) / cos_beta
+    noise = max(float(meshes.noise.max()), LEAST_NOISE * float(np.sqrt(np.mean(meshes.x**2))))
+    tolerance = STEP_ERROR * noise / cos_beta
     loads = MeshLoads._make([*own, meshes.step])
     return np.asarray(_integrate(loads, np.array(spring), changes, cos_beta, tolerance))
 
