@@ -201,7 +201,8 @@ def _cross_predict_by_turns(
     """(n,) error of y predicted across the halves of each run by waves times factors.
 
     Each round adds the ``SPARSE_SIZES[0]`` products that correlate most with what the others leave
-    (orthogonal matching pursuit, Pati et al. 1993), in all halves. The least error of a round.
+    (orthogonal matching pursuit, Pati et al. 1993), in all halves. The error of the round with the
+    least squares is returned.
 
     Args:
         halves: the two of each run: samples, and waves of them as from ``_waves_of_turns``.

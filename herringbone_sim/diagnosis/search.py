@@ -39,9 +39,10 @@ MAX_ROUNDS = 20
 MIN_GAIN_PER_VALUE = 0.02
 RELATIVE_TOLERANCE = 1e-4  # relative change of the chi2 at which a fit has converged
 # Damping of Levenberg and Marquardt, relative to the diagonal: after a refused step at least
-# FIRST_DAMPING, then DAMPING_FACTOR times more; so much less after an accepted one.
+# FIRST_DAMPING, then DAMPING_FACTOR times more; so much less after an accepted one, and none below
+# a tenth of FIRST_DAMPING.
 FIRST_DAMPING, DAMPING_FACTOR = 1.0, 10.0
-MAX_STEP_CUTS = 4  # successive refused steps
+MAX_REFUSED = 4  # successive refused steps, of which the last ends the fit
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
 CHANCE_CHI2 = 10.0
@@ -146,8 +147,10 @@ class Search:
         wanted = functions_used(with_base)
         mean, least = start.copy(), np.inf
         sd = np.array([c.sd for c in with_base])
-        lowest = np.array([c.center - c.bound for c in with_base])
-        highest = np.array([c.center + c.bound for c in with_base])
+        # Bounds of departures follow the size of their effect, see ``compute_score``.
+        bound = np.array([np.inf if c.departs_from else c.bound for c in with_base])
+        center = np.array([c.center for c in with_base])
+        lowest, highest = center - bound, center + bound
         whole, newton, damping = np.diag(sd**-2.0), np.zeros_like(mean), 0.0
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
@@ -163,7 +166,7 @@ class Search:
             if best is not None and not now < least:
                 refused += 1
                 by_chance = max(RELATIVE_TOLERANCE * least, CHANCE_CHI2)
-                if min(now - least, promised) < by_chance or refused == MAX_STEP_CUTS:
+                if min(now - least, promised) < by_chance or refused == MAX_REFUSED:
                     break
                 damping = max(FIRST_DAMPING, DAMPING_FACTOR * damping)
                 step = _damped(whole, damping, newton)
@@ -182,7 +185,9 @@ class Search:
             promised = float(chi2_reduction(A, b, newton).sum())
             if promised < now / sum(campaign.counts.values()):
                 break
-            whole = A.sum(axis=0) + np.diag(sd**-2.0)
+            sized = [i >= len(self.base) and c.scales_with_effect for i, c in enumerate(with_base)]
+            scaled = sd * np.where(sized, target.prior_scale, 1.0)
+            whole = A.sum(axis=0) + np.diag(scaled**-2.0)
             damping = damping / DAMPING_FACTOR if damping > FIRST_DAMPING / DAMPING_FACTOR else 0.0
             step = _damped(whole, damping, newton)
             mean = np.clip(mean + within(step, reach), lowest, highest)

@@ -344,6 +344,17 @@ def test_damping_shortens_a_step_most_along_a_narrow_valley() -> None:
         np.testing.assert_allclose(_damped(A, 0.1, step), value / (value + 0.1) * step)
 
 
+def test_a_departure_goes_beyond_what_a_moderate_effect_allows() -> None:
+    """Stribeck's friction of seed 1 is over twice a moderate one; so may its departures be."""
+    search = Search(Damper(simulate("stribeck", 1)))
+    hypothesis = next(h for h in search.machine.hypotheses() if h.effect == "stribeck")
+    start = np.append(search.null.mean, np.zeros(len(hypothesis.coefficients)))
+    mean = search.refined(hypothesis.coefficients, start).mean[len(search.base) :]
+    departures = [c.departs_from > 0 for c in hypothesis.coefficients]
+    bound = np.array([c.bound for c in hypothesis.coefficients])
+    assert (np.abs(mean) / bound)[departures].max() > 1.5
+
+
 def test_no_density_is_better_than_the_fit_to_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that the linear correction makes so counts as what the left-out runs leave."""
     compute_score = searching.compute_score

@@ -19,6 +19,7 @@ from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
 from herringbone_sim.gap.observations.hypotheses import moving_part_motion
 from herringbone_sim.gap.observations.hypotheses.moving_part_motion import (
+    DIVERGED_M,
     MeshLoads,
     SeatSpring,
     motion_with_slopes,
@@ -116,7 +117,7 @@ def test_the_slopes_of_a_motion_are_its_differences(
     spring: SeatSpring, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Central differences of motions on seats that differ by 0.01 % in one property, small steps:
-    at larger ones slopes are not those of the steps."""
+    slopes are of order 1, motions of order 3."""
     monkeypatch.setattr(moving_part_motion, "LEAST_NOISE", 0.0)
     meshes, fields = driving_meshes(600), ("stiffness", "damping", "play", "width", "film")
     fields = (*fields, "growth", "drag")
@@ -131,6 +132,19 @@ def test_the_slopes_of_a_motion_are_its_differences(
         expected = (above - below) / 2e-4
         off = np.sqrt(np.mean((slope - expected) ** 2, axis=0))
         assert (off <= 0.02 * np.sqrt(np.mean(expected**2, axis=0)) + 1e-12).all(), name
+
+
+def test_the_slopes_of_a_chaotic_motion_stay_finite() -> None:
+    """A loose pin that is hardly damped; its tangents grow with every mesh cycle."""
+    meshes = driving_meshes(20000)
+    t = np.arange(20000) * meshes.step
+    x = meshes.x + 2e-5 * np.cos(0.37 * OMEGA * t)[:, None]
+    meshes = meshes._replace(x=x, v=np.gradient(x, meshes.step, axis=0), noise=np.full(2, 6e-7))
+    pin = SeatSpring(4.0, 30.0, 1e10, 1.2e3, play=2e-5, width=4e-7, film=0.05)
+    along = SeatSpring(*np.zeros(len(SeatSpring._fields)))._replace(stiffness=pin.stiffness)
+    motion, slope = motion_with_slopes(meshes, pin, [along], COS_BETA)
+    assert np.isfinite(motion).all()
+    assert np.abs(slope[:, 0]).max() <= DIVERGED_M
 
 
 def test_the_carrier_of_a_pin_is_driven_by_the_control_of_the_gear() -> None:

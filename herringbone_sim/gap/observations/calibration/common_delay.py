@@ -33,7 +33,7 @@ STRETCH_CYCLES = 20  # mesh cycles of a stretch, chosen: over 100 windows of the
 N_STRETCHES = 2
 N_WINDOWS = 6  # windows of each run where states are estimated, chosen for run time
 DELAY_TOLERANCE_S = 1e-7  # a fiftieth of the longest delay of the data sheet
-MAX_TRIALS = 6  # of delays, chosen for run time; 4 suffice where chi2 is a parabola
+MAX_TRIALS = 6  # of delays beside none, chosen for run time; 3 suffice for a parabola
 # Effects that shift single meshes or sensors in time.
 TIME_SHIFT_EFFECTS = ("stagger", "planet_phase", "sensor_delay", "clock_drift")
 
@@ -86,7 +86,7 @@ def _least(chi2: Callable[[float], float], at_zero: float, longest: float) -> tu
         at_zero: chi2 without delay.
     """
     tried = {0.0: at_zero, longest: chi2(longest), 0.5 * longest: chi2(0.5 * longest)}
-    while len(tried) < 2 + MAX_TRIALS:
+    while len(tried) < 1 + MAX_TRIALS:
         best = min(tried, key=lambda delay: tried[delay])
         near = sorted(tried, key=lambda delay: abs(delay - best))[:3]
         bend, slope, _ = np.polyfit(np.divide(near, longest), [tried[d] for d in near], 2)

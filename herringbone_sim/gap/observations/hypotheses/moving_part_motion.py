@@ -83,8 +83,9 @@ def motions(meshes: MeshLoads, springs: Sequence[SeatSpring], cos_beta: float) -
 
     M q'' = cos beta sum F(x - q cos beta) - H (1 + M / M_u) - rest M / M_u with seat force H and
     mass M_u of the carrying body, starting at rest in the equilibrium of the first sample. There
-    are so many steps per sample, a power of 2, that none makes an error above ``STEP_ERROR`` of
-    the largest noise of x, or of ``LEAST_NOISE``. A motion beyond ``DIVERGED_M`` is reset to zero.
+    are so many steps per sample, a power of 2 up to ``MAX_STEPS``, that none makes an estimated
+    error above ``STEP_ERROR`` of the largest noise of x, at least ``LEAST_NOISE``. A motion beyond
+    ``DIVERGED_M`` is reset to zero.
     """
     none = np.empty((0, len(SeatSpring._fields)))
     return np.concatenate([_integrated(meshes, spring, none, cos_beta) for spring in springs])
@@ -96,8 +97,8 @@ def motion_with_slopes(
     """Motion as of ``motions`` on one seat, and its derivatives (1 + T, n, 2) along T changes.
 
     Args:
-        changes: change of each property of the seat per unit of a parameter; those of the masses
-            do not count.
+        changes: change of each property of the seat per unit of a parameter, a logarithm; those
+            of the masses do not count. Derivatives beyond ``DIVERGED_M`` are reset to zero.
     """
     return _integrated(meshes, spring, np.array(changes), cos_beta)
 
@@ -144,7 +145,7 @@ def _seat_force(p, q, rate, by_p):  # type: ignore[no-untyped-def]
         held_by_width = (left_slope * (q + play) - right_slope * (q - play)) / width
     else:
         g = max(q - play, 0.0) - max(-q - play, 0.0)
-        right, left = 1.0 if q > play else 0.0, 1.0 if -q > play else 0.0
+        right, left = 1.0 if q > play else 0.0, 1.0 if -q >= play else 0.0
         right_slope, left_slope, g_by_width, held_by_width = 0.0, 0.0, 0.0, 0.0
     held = right + left
     hardened, dragged = growth * g * g, drag * abs(rate)
@@ -181,9 +182,9 @@ def _acceleration(springs, loads, p, cos_beta, s, y, by_p):  # type: ignore[no-u
     q, rate = y[0], y[1]
     pushed, by_s, stiffness = loads[0] + s * loads[1] - cos_beta * loads[2] * rate, loads[1], 0.0
     for j in range(springs.shape[0]):
-        y = springs[j, 0] + s * springs[j, 1] - cos_beta * q
-        front, front_slope = _half_contact(y - springs[j, 4], springs[j, 6])
-        back, back_slope = _half_contact(-y - springs[j, 5], springs[j, 6])
+        x = springs[j, 0] + s * springs[j, 1] - cos_beta * q
+        front, front_slope = _half_contact(x - springs[j, 4], springs[j, 6])
+        back, back_slope = _half_contact(-x - springs[j, 5], springs[j, 6])
         k = springs[j, 2] + s * springs[j, 3]
         pushed += k * (front - back)
         stiffness += k * (front_slope + back_slope)
@@ -205,7 +206,8 @@ def _stepped(springs, loads, p, dp, cos_beta, s, ds, h, y, stages, by_p):  # typ
     """Take a step of Rodas3 in place, and return the estimated error [m] of the displacement.
 
     Tangents see the Jacobian of each stage. That the Jacobian of the step, too, changes with the
-    motion is left out: it matters at the ends of the backlash (measured: 2 to 6 % of a slope).
+    motion and in time is left out, so tangents are of order 1 (measured: slopes are off by 1 to
+    10 %, more where a part is hardly damped).
 
     Args:
         springs, loads, p, cos_beta, s, by_p: as of ``_acceleration``.
@@ -303,6 +305,8 @@ def _integrate(m, p, dp, cos_beta, tolerance):  # type: ignore[no-untyped-def]
     for number in range(T):
         for field in range(2, p.size):
             motion[1 + number, 0, 0] -= by_p[field] * dp[number, field] / by_q
+        if not abs(motion[1 + number, 0, 0]) < DIVERGED_M:
+            motion[1 + number, 0, 0] = 0.0
     steps = 1
     for at in range(n - 1):
         _begin_step(m, at, springs, loads)
@@ -318,6 +322,9 @@ def _integrate(m, p, dp, cos_beta, tolerance):  # type: ignore[no-untyped-def]
             steps *= 2
         if not abs(y[0, 0]) < DIVERGED_M:  # reset a diverged trial
             y[:] = 0.0
+        for number in range(1, 1 + T):  # those of a chaotic motion grow without end
+            if not abs(y[number, 0]) < DIVERGED_M:
+                y[number] = 0.0
         motion[:, at + 1] = y
         if worst < tolerance / 16.0 and steps > 1:  # half as many err some 8 times as much
             steps //= 2

@@ -42,7 +42,7 @@ from herringbone_sim.gap.residuals.torque_balance import control_wave
 MAX_LOG_OFFSET = np.log(30.0)
 PRIOR_LOG_SD = 1.0  # prior standard deviation of that logarithm; chosen
 PRESENCE_SD = 1e-9  # prior standard deviation of the amplitude about 1: practically fixed
-DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients
+DIFFERENCE_STEP = 1e-3  # of a logarithm, for difference quotients of the properties of a seat
 SEAT_PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "ring_flexibility": ("stiffness", "damping", "growth", "drag"),
     "bearing_clearance": ("clearance", "stiffness", "damping", "softness", "growth", "film"),
@@ -79,9 +79,7 @@ class MovingPart:
 
     def with_log_offsets(self, offsets: Array) -> MovingPart:
         """Copy with parameters times exp(offsets) (p,), offsets clipped to ``MAX_LOG_OFFSET``."""
-        factors = np.exp(
-            np.clip(offsets, -MAX_LOG_OFFSET - DIFFERENCE_STEP, MAX_LOG_OFFSET + DIFFERENCE_STEP)
-        )
+        factors = np.exp(np.clip(offsets, -MAX_LOG_OFFSET, MAX_LOG_OFFSET))
         return replace(self, theta=tuple((np.array(self.theta) * factors).tolist()))
 
     def functions(self, gear: GearObservations, label: str) -> tuple[Function, ...]:
@@ -153,13 +151,13 @@ class MovingPart:
         names, now = [label], self.with_log_offsets(offsets)
         if slopes:
             names += [f"{label} {name}" for name in self.names]
-            motions = drive.motion_with_slopes(now)
+            moved = drive.motion_with_slopes(now)
         else:
-            motions = drive.motions([now])
+            moved = drive.motions([now])
         reach = -model.scales.cos_beta * drive.meshes_mask
         return {
             name: (q[:, :, 0] @ reach, q[:, :, 1] @ reach)
-            for name, q in zip(names, motions, strict=True)
+            for name, q in zip(names, moved, strict=True)
         }
 
 
@@ -244,7 +242,7 @@ class PartDrive:
         return np.stack([motions(loads, springs, cos_beta) for loads in self._meshes], axis=2)
 
     def motion_with_slopes(self, part: MovingPart) -> Array:
-        """Motion as of ``motions`` (1 + p, n, k, 2), and by the logarithm of each parameter."""
+        """Motion as of ``motions``, and its derivatives (1 + p, n, k, 2) by p logarithms."""
         spring, cos_beta = self._spring(part), self._model.scales.cos_beta
         moved = [
             self._spring(part.with_log_offsets(offsets))
