@@ -4,8 +4,8 @@
 
 Peaks are those of loops of fused multiply-adds, one number at a time and in lanes, measured in the
 same run. The operations are counted by ``benchmarks.counting``; sines and cosines of the
-scalar kernels (calls of the C library) are left out of the rates. The stepper never fuses, so half
-of the scalar peak is its limit.
+scalar kernels (calls of the C library) are left out of the rates. The stepper fuses half of its
+operations.
 """
 
 from __future__ import annotations

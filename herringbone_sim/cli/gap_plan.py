@@ -202,7 +202,5 @@ def also_table(base: Plan, further: Mapping[str, Plan]) -> str:
 
 def also_line(name: str, plan: Plan, factor: float) -> str:
     """Line on one additional sensor: effects named with it, and the factor by which sizes fall."""
-    return (
-        f"  {name:10s} {named_effects(plan):3d} of {len(plan.effects)} named, sizes fall by a "
-        f"factor of {factor:.2f}"
-    )
+    fall = f"sizes fall by a factor of {factor:.2f}" if factor > 0.0 else "no sizes to compare"
+    return f"  {name:10s} {named_effects(plan):3d} of {len(plan.effects)} named, {fall}"

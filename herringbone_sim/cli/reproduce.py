@@ -124,7 +124,7 @@ def _table(checked: Sequence[CheckedStatement]) -> list[str]:
         mark = "yes" if c.obtained.ok else " no"
         statement, published = c.statement, c.statement.published
         lines.append(
-            f"{mark}  {statement.scenario}  {statement.text:66.66s}  {published:12.12s}  "
+            f"{mark}  {statement.scenario}  {statement.text:66.66s}  {published:20s}  "
             f"{c.obtained.text}"
         )
     return lines

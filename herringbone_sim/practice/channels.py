@@ -19,7 +19,7 @@ _U = tuple(f"u_{b}" for b in BODIES)
 _SHAFTS = ("s_L", "s_R", "c")
 _FEW = tuple(f"u_{b}" for b in _SHAFTS)
 _RINGS = tuple(f"F_{m}" for m in MESHES if m.startswith("rp"))
-_PINS = ("F_pin1", "F_pin2", "F_pin3")
+PINS = ("F_pin1", "F_pin2", "F_pin3")
 GAUGES = 4  # ring gauges; each sees a planet for PASSES mesh cycles
 PASSES = 4.0
 RING_CYCLES = 77.0  # mesh cycles of a revolution of the carrier against the ring
@@ -31,7 +31,7 @@ CHANNEL_SETS = {
     "rotations": _U,
     "accelerometers": tuple(f"a_{b}" for b in _SHAFTS),
     "shafts_rings": (*_FEW, *_RINGS),
-    "shafts_pins": (*_FEW, *_PINS),
+    "shafts_pins": (*_FEW, *PINS),
     "x_and_F": (*_X, *_F),
     "half_forces": (*_X, *_V, *_F, *_U),
 }
@@ -53,7 +53,7 @@ def channels_of(motion: Motion) -> dict[str, Array]:
     named |= {f"u_{b}": motion.u[:, j] for j, b in enumerate(BODIES)}
     named |= {f"a_{b}": motion.a[:, j] for j, b in enumerate(BODIES)}
     on_pins = motion.force.reshape(-1, 4, 3).sum(axis=1)
-    return named | {name: on_pins[:, i] for i, name in enumerate(_PINS)}
+    return named | {name: on_pins[:, i] for i, name in enumerate(PINS)}
 
 
 def gated(name: str, phase: Array, values: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.random import Generator
 
 from herringbone_sim.errors import ParameterError
+from herringbone_sim.practice.channels import PINS
 from herringbone_sim.practice.rig_model import BODIES, MESHES
 
 Parts = dict[str, dict[str, Any]]
@@ -109,8 +110,11 @@ def _gratings(rng: Generator, sets: int) -> dict[str, Any]:
 
 def _gauges(rng: Generator, given: bool) -> dict[str, Any]:
     """Draw gains of the force gauges; ``given``: whether ``campaign.yaml`` has their tolerance."""
-    gains = rng.uniform(1.0 - GAIN_TOLERANCE, 1.0 + GAIN_TOLERANCE, len(MESHES))
-    of = {f"F_{m}": float(g) for m, g in zip(MESHES, gains, strict=True)}
+    low, high = 1.0 - GAIN_TOLERANCE, 1.0 + GAIN_TOLERANCE
+    of_meshes = rng.uniform(low, high, len(MESHES))
+    of_pins = rng.spawn(1)[0].uniform(low, high, len(PINS))  # what else is drawn stays the same
+    names = (*(f"F_{mesh}" for mesh in MESHES), *PINS)
+    of = dict(zip(names, [*of_meshes.tolist(), *of_pins.tolist()], strict=True))
     return {"told": given, "of": of}
 
 

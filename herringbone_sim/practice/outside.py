@@ -21,6 +21,7 @@ from herringbone_sim.practice.cause import (
     signed,
     size_as,
 )
+from herringbone_sim.practice.kernel import SHOCK_PEAK
 from herringbone_sim.practice.rig_model import RigModel
 from herringbone_sim.practice.sensors import sensor_kind
 
@@ -40,8 +41,10 @@ def _stick_slip(p: RigModel, c: Cause, _: Point) -> RigModel:
 
 
 def _shock(p: RigModel, c: Cause, _: Point) -> RigModel:
-    """Add periodic shocks to the carrier."""
-    return p._replace(shock=np.array([c.size, c.shape["cycles"], c.shape["width"]]))
+    """Add periodic shocks to the carrier, and their mean to the load, so that the speed holds."""
+    cycles, width = c.shape["cycles"], c.shape["width"]
+    mean = c.size * width / cycles / 60.0 / SHOCK_PEAK  # 1 / 60: integral of z^2 (1 - z)^3
+    return p._replace(shock=np.array([c.size, cycles, width]), brake=p.brake + mean)
 
 
 OUTSIDE: dict[str, Kind] = {

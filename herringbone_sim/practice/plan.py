@@ -124,7 +124,7 @@ def draw_plan(
     Raises:
         ParameterError: an unknown truth, channel set, regime, noise or law.
     """
-    _check(truth, channels, regime, law)
+    check_names(truth, channels, regime, law)
     share = 10.0 ** (-noise.snr_dB / 20.0)
     measures = draw_noise(np.random.default_rng([seed, 0x9B]), noise.kind, share)
     names = drawn_channels(np.random.default_rng([seed, 0x9C]), channels)
@@ -153,7 +153,7 @@ def draw_plan(
     )
 
 
-def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
+def check_names(truth: str | None, channels: str, regime: str, law: str) -> None:
     """Raise ParameterError for a name that ``draw_plan`` does not list; a truth may be None."""
     for what, value, known in (
         ("truth", truth, (*TRUTHS, "unseen", *KINDS)),
@@ -163,6 +163,8 @@ def _check(truth: str | None, channels: str, regime: str, law: str) -> None:
     ):
         if value is not None and value not in known:
             raise ParameterError(f"{what} must be one of {', '.join(known)}, got {value!r}")
+    if truth in INVISIBLE.get(channels, ()):
+        raise ParameterError(f"{truth} can't be seen in {channels}: choose other channels")
 
 
 def _point(rng: Generator, ranges: Any) -> dict[str, float]:

@@ -14,6 +14,7 @@ import traceback
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from herringbone_sim.practice.campaign import (
 from herringbone_sim.practice.label import label_text, seal
 from herringbone_sim.practice.noise import NOISES
 from herringbone_sim.practice.outcome import RELATIVE_ERROR
-from herringbone_sim.practice.plan import Plan, RequestedNoise, draw_plan
+from herringbone_sim.practice.plan import Plan, RequestedNoise, check_names, draw_plan
 from herringbone_sim.practice.record import SAMPLES_PER_CYCLE
 
 FAILED = "failed"
@@ -78,6 +79,8 @@ class Setting:
         for noise in self.noise:
             if noise not in NOISES:
                 raise ParameterError(f"noise must be one of {', '.join(NOISES)}, got {noise!r}")
+        for channels, regime in product(self.channels, self.regime):
+            check_names(self.truth, channels, regime, self.law)
 
 
 def plan_of(setting: Setting, seed: int) -> Plan:

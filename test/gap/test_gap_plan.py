@@ -12,16 +12,16 @@ import pytest
 from gap_support import NOMINAL, POINTS, noisy, prepared, sampled
 
 from herringbone_sim.__main__ import main
-from herringbone_sim.cli.gap_plan import noise_of, point_of
+from herringbone_sim.cli.gap_plan import also_table, noise_of, point_of
 from herringbone_sim.core.timeseries import TimeSeries
 from herringbone_sim.diagnosis.information import Information
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.effects.effect import Active
+from herringbone_sim.effects.effect import Active, Locus
 from herringbone_sim.effects.written import parse_effect
 from herringbone_sim.errors import ParameterError
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
-from herringbone_sim.gap.planning.plan import Plan, plan
+from herringbone_sim.gap.planning.plan import Detectability, Plan, plan
 from herringbone_sim.gap.planning.summary import (
     effect_summaries,
     place_text,
@@ -206,3 +206,13 @@ def test_noise_goes_by_the_longest_name() -> None:
     assert noise.sigma("u_c", 1.0) == 1e-7
     assert noise.sigma("F_pin1", 200.0) == pytest.approx(20.0)
     assert noise.sigma("F_sp1_L", 200.0) == pytest.approx(0.2)
+
+
+def test_a_sensor_without_sizes_to_compare_has_no_gain() -> None:
+    """No effect is named at half of its places, without the sensor or with it."""
+    never = (np.inf, np.inf, "pin_position", 0.5, 0.0, (1.0,))
+    one = Detectability("runout", Locus(), (), "m", 1e-5, *never)
+    nothing = Plan(("u_c",), ("trajectory",), 100.0, (one,), (), ())
+    content = plan_to_dict(nothing, [{"delta_T": 1.0}], 40, {"a_c": nothing})
+    assert json.loads(json.dumps(content, allow_nan=False))["also"]["a_c"]["gain"] is None
+    assert "nan" not in also_table(nothing, {"a_c": nothing})

@@ -14,9 +14,10 @@ import pytest
 from test_paper import PAPER
 from tqdm import tqdm
 
+from herringbone_sim.cli.reproduce import _table
 from herringbone_sim.errors import AnalysisError
 from herringbone_sim.paper.boundaries import INNER, MOVES, ROUNDS, Boundary, bisect, locate
-from herringbone_sim.paper.checks import Evidence, check
+from herringbone_sim.paper.checks import CheckResult, Evidence, check
 from herringbone_sim.paper.observe import BatchRunner, Request
 from herringbone_sim.paper.regimes import (
     Sweep,
@@ -27,6 +28,7 @@ from herringbone_sim.paper.regimes import (
     share,
     stretches,
 )
+from herringbone_sim.paper.reproduction import CheckedStatement
 from herringbone_sim.paper.scenarios import CHAOS, SCENARIOS, scenario
 from herringbone_sim.paper.staircase import Reading, continuations, request, sweep
 from herringbone_sim.paper.statements import (
@@ -407,3 +409,9 @@ def test_the_legend_has_the_published_motions():
     for figure in (raster_figure(A, {"zero start": row}), pair_figure([(A, row), (A, row)])):
         names = {text.get_text() for text in figure.legends[0].get_texts()}
         assert names >= {"chaos", "P1", "P2", "P3"}
+
+
+def test_what_is_published_is_printed_whole() -> None:
+    checked = [CheckedStatement(s, CheckResult("obtained", 0.0, True)) for s in statements()]
+    for line, c in zip(_table(checked), checked, strict=True):
+        assert f"  {c.statement.published} " in line

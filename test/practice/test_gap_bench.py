@@ -404,3 +404,12 @@ def _alive(process: int) -> bool:
         return bool(Path(f"/proc/{process}/cmdline").read_bytes())
     except OSError:
         return False
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"channels": ("full", "fulll")}, {"regime": ("varied", "loud")}, {"law": "mine"}]
+)
+def test_each_name_of_a_setting_is_known(wrong) -> None:  # type: ignore[no-untyped-def]
+    """Before a seed is drawn, so that no folder is begun."""
+    with pytest.raises(ParameterError, match="must be one of"):
+        Setting(**wrong)

@@ -322,3 +322,18 @@ def test_masks_and_refusals():
     p = rig_model(NOMINAL, POINT)
     with pytest.raises(DivergenceError, match="smaller effect"):
         integrate(p._replace(drive=1e12), 0.0, np.zeros(30), np.linspace(0.0, 1.0, 50))
+
+
+def test_shocks_on_the_carrier_leave_its_mean_speed_as_it_is() -> None:
+    """The load carries their mean: without it, u_c gains a parabola far above its motion."""
+    plan = draw_plan(990123, "output_shock", 10.0)
+    u = simulate_run(plan, NOMINAL, (plan.causes[0].sized(2e4),), 2).now.u[:, 2]
+    parabola = np.polynomial.legendre.legfit(np.linspace(-1.0, 1.0, len(u)), u, 2)[2]
+    assert abs(parabola) < np.std(u) < 1e-4
+
+
+def test_a_fault_that_its_channels_hide_is_refused() -> None:
+    """The mean of a raw angle is not known, so that a bias does not show."""
+    with pytest.raises(ParameterError, match="can't be seen in raw_shafts"):
+        draw_plan(1, "sensor_bias", channels="raw_shafts")
+    assert draw_plan(1, "sensor_bias", channels="few").causes

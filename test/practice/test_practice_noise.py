@@ -197,3 +197,15 @@ def test_kinds_are_drawn_from_the_seed_and_told_only_if_white():
     assert set().union(*mixed) == {"drift", "hum", "filter", "encoders", "gains", "converter"}
     with pytest.raises(ParameterError, match="noise must be one of"):
         draw_noise(rng(), "pink", 0.01)
+
+
+def test_gauges_in_pins_are_off_too() -> None:
+    """Each by the gain of the label, within the tolerance of strain gauges."""
+    noise, channels = RequestedNoise("gains"), "shafts_pins"
+    made = make_campaign(draw_plan(3, "none", noise=noise, channels=channels))
+    plain = make_campaign(draw_plan(3, "none", channels=channels))
+    gains = made.label["noise"]["gains"]["of"]
+    for name in ("F_pin1", "F_pin2", "F_pin3"):
+        ratio = rms(made.series[0][name]) / rms(plain.series[0][name])
+        assert ratio == pytest.approx(gains[name], rel=1e-3)
+    assert max(abs(gains[f"F_pin{i}"] - 1.0) for i in (1, 2, 3)) > 0.01

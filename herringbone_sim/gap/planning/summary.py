@@ -163,7 +163,7 @@ def plan_to_dict(
         **_plan(plan),
         "points": [{**points[r], "run": r, "least_share_with_those_before": s} for r, s in worth],
         "also": {
-            name: {**_plan(more), "gain": size_reduction(plan, more)}
+            name: {**_plan(more), "gain": _finite(size_reduction(plan, more))}
             for name, more in also.items()
         },
     }
@@ -199,5 +199,5 @@ def _plan(plan: Plan) -> dict[str, Any]:
 
 
 def _finite(size: float) -> float | None:
-    """The size, or None where it is infinite."""
+    """The number, or None where it is not finite."""
     return size if math.isfinite(size) else None
