@@ -62,7 +62,7 @@ def run(
         tuple[Path, ...],
         "DIR ...",
         Parameter(consume_multiple=1),
-        "only print the table of a folder, or one of several folders, a row each",
+        "diagnose nothing: make the table of a folder again, or print one of several, a row each",
     ] = (),
     setting: SettingOptions = SettingOptions(),
     again: Annotated[bool, "repeat diagnoses made by another version"] = False,
@@ -79,7 +79,7 @@ def run(
         AnalysisError: nothing to diagnose or print, or seeds that the judge was fitted on.
     """
     if table and (seeds is not None or out is not None):
-        raise AnalysisError("--table only prints a stored bench, without --seeds and --out")
+        raise AnalysisError("--table takes stored benches, without --seeds and --out")
     if not table:
         if seeds is None or out is None:
             raise AnalysisError("a bench needs --seeds and --out, a stored one --table: give them")

@@ -40,7 +40,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the seeds of ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
 
     Raises:
-        ParameterError: another form, a negative seed, none, or more than 1000000.
+        ParameterError: another form, a range without a seed, a negative seed, or more than 1000000.
     """
     ranges = []
     try:
@@ -51,12 +51,14 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         raise ParameterError(
             f"seeds are numbers and ranges, got {shown(text)}: write them like 2000:2200 or 1,5,9"
         ) from None
-    count = sum(max(one.stop - one.start, 0) for one in ranges)
+    if not all(ranges):
+        raise ParameterError(f"ranges of seeds must grow, got {shown(text)}: write 2000:2200")
+    count = sum(one.stop - one.start for one in ranges)
     if count > MOST:
         raise ParameterError(f"up to {MOST} seeds at a time, got {shown(count)}: name fewer")
     seeds = {seed for one in ranges for seed in one}
-    if not seeds or min(seeds) < 0:
-        raise ParameterError(f"seeds must be one or more, none below 0, got {shown(text)}")
+    if min(seeds) < 0:
+        raise ParameterError(f"seeds may not be below 0, got {shown(text)}")
     return tuple(sorted(seeds))
 
 

@@ -49,7 +49,7 @@ SETTING = Setting(truth="none")
 
 def test_seeds_as_lists_and_ranges():
     assert parse_seeds("7, 3:6,5") == (3, 4, 5, 7)
-    for wrong in ("", "3:3", "a:b", "-1", "1.5"):
+    for wrong in ("", "3:3", "9:7,5", "a:b", "-1", "1.5"):
         with pytest.raises(ParameterError, match="seeds"):
             parse_seeds(wrong)
     for many in ("0:10000000000", "5,0:1000000", f"0:{'9' * 400}"):
