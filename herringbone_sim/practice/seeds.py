@@ -40,7 +40,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     """Return the seeds of ``2000:2200`` (end excluded), ``1,5,9``, or both; each once, sorted.
 
     Raises:
-        ParameterError: another form, a range without a seed, a negative seed, or more than 1000000.
+        ParameterError: another form, a range of none, a negative seed, or more than 1000000.
     """
     ranges = []
     try:
