@@ -15,6 +15,7 @@ from herringbone_sim.diagnosis.coefficients import (
     amplitudes,
     functions_used,
 )
+from herringbone_sim.diagnosis.damped_steps import DampedSteps
 from herringbone_sim.diagnosis.machine import Amplitudes, Machine
 from herringbone_sim.diagnosis.parallel import parallel_map
 from herringbone_sim.diagnosis.products import (
@@ -24,13 +25,11 @@ from herringbone_sim.diagnosis.products import (
     recentred,
     with_offsets,
 )
-from herringbone_sim.diagnosis.regression import within
 from herringbone_sim.diagnosis.score import (
     PRIOR_SCALES,
     Score,
     chi2_reduction,
     compute_score,
-    trust_region,
 )
 
 # Settings of the fits and of the search, chosen, not fitted:
@@ -38,10 +37,6 @@ MAX_ROUNDS = 20
 # Chi2 per value worth explaining: an effect at the noise level (d = 1) on 2 % of the rows.
 MIN_GAIN_PER_VALUE = 0.02
 RELATIVE_TOLERANCE = 1e-4  # relative change of the chi2 at which a fit has converged
-# Damping of Levenberg and Marquardt, relative to the diagonal: after a refused step at least
-# FIRST_DAMPING, then DAMPING_FACTOR times more; so much less after an accepted one, and none below
-# a tenth of FIRST_DAMPING.
-FIRST_DAMPING, DAMPING_FACTOR = 1.0, 10.0
 MAX_REFUSED = 4  # successive refused steps, of which the last ends the fit
 # Chi2 difference that chance gives the best of some thousand hypotheses: a likelihood ratio of
 # exp(5), 150. Also absolute tolerance of fits.
@@ -147,14 +142,9 @@ class Search:
         wanted = functions_used(with_base)
         mean, least = start.copy(), np.inf
         sd = np.array([c.sd for c in with_base])
-        # Bounds of departures follow the size of their effect, see ``compute_score``.
-        bound = np.array([np.inf if c.departs_from else c.bound for c in with_base])
-        center = np.array([c.center for c in with_base])
-        lowest, highest = center - bound, center + bound
-        whole, newton, damping = np.diag(sd**-2.0), np.zeros_like(mean), 0.0
+        steps = DampedSteps(with_base)
         best: tuple[Array, CampaignProducts] | None = None
         sizes: Sequence[float] = PRIOR_SCALES
-        reach = trust_region(with_base)
         refused, promised = 0, np.inf
         for number in range(rounds):
             campaign = self.about(coefficients, mean, wanted)
@@ -168,9 +158,7 @@ class Search:
                 by_chance = max(RELATIVE_TOLERANCE * least, CHANCE_CHI2)
                 if min(now - least, promised) < by_chance or refused == MAX_REFUSED:
                     break
-                damping = max(FIRST_DAMPING, DAMPING_FACTOR * damping)
-                step = _damped(whole, damping, newton)
-                mean = np.clip(best[0] + within(step, reach), lowest, highest)
+                mean = steps.shorter()
                 continue
             settled = least - now < max(RELATIVE_TOLERANCE * now, CHANCE_CHI2)
             refused = 0
@@ -188,9 +176,7 @@ class Search:
             sized = [i >= len(self.base) and c.scales_with_effect for i, c in enumerate(with_base)]
             scaled = sd * np.where(sized, target.prior_scale, 1.0)
             whole = A.sum(axis=0) + np.diag(scaled**-2.0)
-            damping = damping / DAMPING_FACTOR if damping > FIRST_DAMPING / DAMPING_FACTOR else 0.0
-            step = _damped(whole, damping, newton)
-            mean = np.clip(mean + within(step, reach), lowest, highest)
+            mean = steps.onwards(mean, newton, whole)
         assert best is not None
         mean, campaign = best
         score = compute_score(campaign, coefficients, mean, by_density=by_density)
@@ -304,21 +290,6 @@ class Search:
         start = np.concatenate([self.null.mean, np.zeros(len(coefficients))])
         by_density = self.machine.estimates_states
         return compute_score(self.campaign, coefficients, start, (size,), by_density)
-
-
-def _damped(A: Array, damping: float, step: Array) -> Array:
-    """Step (p,) of Gauss-Newton, shortened as by Levenberg and Marquardt where A is flat.
-
-    Args:
-        A: (p, p) matrix of the normal equations, with the prior.
-        damping: factor on its diagonal that is added to it; 0: the step as it is.
-    """
-    if not damping:
-        return step
-    scale = 1.0 / np.sqrt(np.diag(A))
-    scaled = A * np.outer(scale, scale)
-    damped = scaled + damping * np.eye(len(A))
-    return np.asarray(scale * np.linalg.solve(damped, scaled @ (step / scale)))
 
 
 def _amplitude_matrix(made: Mapping[str, Array], p: Products, r: int) -> Array:

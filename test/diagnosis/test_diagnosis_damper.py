@@ -15,11 +15,12 @@ from herringbone_sim.diagnosis import examine as examining
 from herringbone_sim.diagnosis import parallel
 from herringbone_sim.diagnosis import search as searching
 from herringbone_sim.diagnosis.coefficients import amplitudes
+from herringbone_sim.diagnosis.damped_steps import damped
 from herringbone_sim.diagnosis.evidence import evidence_of
 from herringbone_sim.diagnosis.examine import Examination, examine
 from herringbone_sim.diagnosis.fits import FittedExplanation
 from herringbone_sim.diagnosis.refits import better_fits
-from herringbone_sim.diagnosis.search import Search, _damped
+from herringbone_sim.diagnosis.search import Search
 from herringbone_sim.examples.damper.__main__ import load_weights, main, probabilities
 from herringbone_sim.examples.damper.effects import IMPULSE, LAW, dahl_state
 from herringbone_sim.examples.damper.machine import Damper, presliding
@@ -341,7 +342,7 @@ def test_damping_shortens_a_step_most_along_a_narrow_valley() -> None:
     A = np.array([[1.0, 0.99], [0.99, 1.0]]) / np.outer(units, units)
     for along, value in ((1.0, 1.99), (-1.0, 0.01)):
         step = np.array([1.0, along]) * units
-        np.testing.assert_allclose(_damped(A, 0.1, step), value / (value + 0.1) * step)
+        np.testing.assert_allclose(damped(A, 0.1, step), value / (value + 0.1) * step)
 
 
 def test_a_departure_goes_beyond_what_a_moderate_effect_allows() -> None:
