@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from herringbone_sim.diagnosis.search import Search
-from herringbone_sim.gap.observations.calibration.common_delay import remove_common_delay
+from herringbone_sim.gap.observations.calibration.common_delay import (
+    DELAY_TOLERANCE_S,
+    MAX_TRIALS,
+    _least,
+    remove_common_delay,
+)
 from herringbone_sim.gap.observations.calibration.copied_channels import without_computed
 from herringbone_sim.gap.observations.gear import GearObservations
 from herringbone_sim.gap.observations.gear_machine import GearMachine
@@ -107,3 +113,26 @@ def test_what_a_common_filter_does_to_forces_and_to_e_is_no_finding() -> None:
 def _without_filters(machine: GearMachine) -> GearMachine:
     machine.base = tuple(c for c in machine.base if not c.name.startswith("filter"))
     return machine
+
+
+@pytest.mark.parametrize("least", [0.0, 1.3e-6, 4.9e-6, 7e-6])
+def test_a_few_parabolas_find_the_delay_of_least_chi2(least: float) -> None:
+    """Of a chi2 with a cubic term; where it is least beyond 5e-6 s, that is returned."""
+    tried = []
+
+    def chi2(delay: float) -> float:
+        tried.append(delay)
+        off = (delay - least) / 1e-6
+        return 1e4 + 300.0 * off**2 - 5.0 * off**3
+
+    found, value = _least(chi2, chi2(0.0), 5e-6)
+    assert found == pytest.approx(min(least, 5e-6), abs=DELAY_TOLERANCE_S)
+    assert value == chi2(found)
+    assert len(tried) <= MAX_TRIALS + 2
+
+
+@pytest.mark.parametrize("beyond", [np.inf, np.nan, 0.0])
+def test_the_best_delay_that_was_tried_is_kept_where_chi2_is_no_parabola(beyond: float) -> None:
+    """It diverges from half of the longest delay on, or falls ever faster."""
+    found, value = _least(lambda delay: beyond, 1.0, 5e-6)
+    assert (found, value) == ((0.0, 1.0) if beyond else (5e-6, 0.0))

@@ -113,6 +113,22 @@ def test_a_part_moves_as_its_equation_says(spring: SeatSpring) -> None:
 
 
 @SEATS
+def test_steps_err_by_less_than_the_noise(
+    spring: SeatSpring, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against small steps, at noise of 1 % of x; slopes, of order 1, err by less than a fifth."""
+    meshes = driving_meshes(1500)
+    noisy = meshes._replace(noise=np.full(2, 6e-7))
+    along = SeatSpring(*np.zeros(len(SeatSpring._fields)))._replace(stiffness=spring.stiffness)
+    found = motion_with_slopes(noisy, spring, [along], COS_BETA)[:, :, 0]
+    monkeypatch.setattr(moving_part_motion, "STEP_ERROR", 1e-4)
+    true = motion_with_slopes(noisy, spring, [along], COS_BETA)[:, :, 0]
+    off = np.sqrt(np.mean((found - true) ** 2, axis=1))
+    assert 0.0 < off[0] < 0.2 * 6e-7
+    assert off[1] < 0.2 * np.sqrt(np.mean(true[1] ** 2))
+
+
+@SEATS
 def test_the_slopes_of_a_motion_are_its_differences(
     spring: SeatSpring, monkeypatch: pytest.MonkeyPatch
 ) -> None:

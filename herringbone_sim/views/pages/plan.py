@@ -104,7 +104,7 @@ def size(value: float, unit: str) -> str:
 def by_gain(plan: Plan, also: Mapping[str, Plan]) -> list[tuple[str, Plan, float]]:
     """Return additional sensors, the most useful first: name, plan with it, ``size_reduction``."""
     every = [(name, more, size_reduction(plan, more)) for name, more in also.items()]
-    return sorted(every, key=lambda entry: (-named_effects(entry[1]), -entry[2]))
+    return sorted(every, key=lambda entry: (-named_effects(entry[1]), -np.nan_to_num(entry[2])))
 
 
 def effect_rows(plan: Plan) -> list[list[str]]:

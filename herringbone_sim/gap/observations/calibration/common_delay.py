@@ -89,15 +89,23 @@ def _least(chi2: Callable[[float], float], at_zero: float, longest: float) -> tu
     while len(tried) < 1 + MAX_TRIALS:
         best = min(tried, key=lambda delay: tried[delay])
         near = sorted(tried, key=lambda delay: abs(delay - best))[:3]
-        bend, slope, _ = np.polyfit(np.divide(near, longest), [tried[d] for d in near], 2)
-        if not bend > 0.0:
-            break
-        vertex = float(np.clip(-0.5 * slope / bend, 0.0, 1.0)) * longest
-        if min(abs(vertex - delay) for delay in tried) < DELAY_TOLERANCE_S:
+        vertex = _vertex(near, [tried[delay] for delay in near], longest)
+        if vertex is None or min(abs(vertex - delay) for delay in tried) < DELAY_TOLERANCE_S:
             break
         tried[vertex] = chi2(vertex)
     best = min(tried, key=lambda delay: tried[delay])
     return best, tried[best]
+
+
+def _vertex(delays: Sequence[float], values: Sequence[float], longest: float) -> float | None:
+    """Delay [s] from 0 to ``longest`` where the parabola through three values is least.
+
+    None where it has no minimum, or a value is not finite.
+    """
+    if not np.isfinite(values).all():
+        return None
+    bend, slope, _ = np.polyfit(np.divide(delays, longest), values, 2)
+    return float(np.clip(-0.5 * slope / bend, 0.0, 1.0)) * longest if bend > 0.0 else None
 
 
 def _showing_delay(runs: Sequence[PreparedRun], n_fastest: int) -> list[PreparedRun]:
@@ -143,9 +151,9 @@ def _by_windows(
     if not first < 1.0:
         return tuple(runs)
     second = share(2.0 * step)
-    bend = 1.0 - 2.0 * first + second  # the vertex of the parabola through the three
-    delay = step * (1.0 - 0.5 * (second - 1.0) / bend) if bend > 0.0 else longest
-    delay = float(np.clip(delay, 0.0, longest)) if second < np.inf else step
+    vertex = _vertex((0.0, step, 2.0 * step), (1.0, first, second), longest)
+    delay = longest if vertex is None else vertex
+    delay = delay if second < np.inf else step
     if not share(delay) < MOST_UNEXPLAINED:
         return tuple(runs)
     return tuple(with_delayed_waves(run, delay) for run in runs)

@@ -19,8 +19,8 @@ from numba import njit
 from herringbone_sim.arrays import Array
 from herringbone_sim.gap.observations.hypotheses.moving_part_equation import acceleration
 
-STEP_ERROR = 0.01  # largest estimated error of a step, relative to the noise of x; measured: the
-# displacement is then within a tenth of the noise, with 1.4 steps a sample in the mean
+STEP_ERROR = 0.01  # largest estimated error of a step, relative to the noise of x, chosen so that
+# the errors of all steps stay below the noise
 LEAST_NOISE = 1e-3  # relative to the RMS of x: 60 dB; steps need not be finer for less noise
 MAX_STEPS = 64  # largest number of steps per sample, a power of 2, chosen for run time
 DIVERGED_M = 1e-2  # displacement at which the integration is reset; 100 times b_c
@@ -116,11 +116,10 @@ def _stepped(springs, loads, p, dp, cos_beta, s, ds, h, y, stages, by_p):  # typ
     """Take a step of Rodas3 in place, and return the estimated error [m] of the displacement.
 
     Tangents see the Jacobian of each stage. That the Jacobian of the step, too, changes with the
-    motion and in time is left out, so tangents are of order 1 (measured: slopes are off by 1 to
-    10 %, more where a part is hardly damped).
+    motion and in time is left out, so tangents are of order 1.
 
     Args:
-        springs, loads, p, cos_beta, s, by_p: as of ``_acceleration``.
+        springs, loads, p, cos_beta, s, by_p: as of ``acceleration``.
         dp: (T, fields of p) changes of p that the tangents belong to.
         ds, h: the step, as a fraction of that of the samples and in seconds.
         y: (1 + T, 2) displacement and rate, of the motion and of each tangent.
@@ -169,7 +168,7 @@ def _stepped(springs, loads, p, dp, cos_beta, s, ds, h, y, stages, by_p):  # typ
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _begin_step(m, at, springs, loads):  # type: ignore[no-untyped-def]
-    """Fill in ``springs`` and ``loads`` of ``_acceleration`` for the step from sample ``at``.
+    """Fill in ``springs`` and ``loads`` of ``acceleration`` for the step from sample ``at``.
 
     The backlash, c and forces independent of the motion are those of this sample.
     """
